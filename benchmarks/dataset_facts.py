@@ -23,8 +23,6 @@ from nsdr.generate.statistics import (
 from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 
-__all__ = ["PAPER_QUESTIONS", "RELEASED_VIDEOS", "facts_page"]
-
 RELEASED_VIDEOS = 12_228
 """Videos that `released_statistics` was counted on: released train and validation videos."""
 PAPER_QUESTIONS = {"descriptive": 219_918, "explanatory": 33_811, "predictive": 14_298, "counterfactual": 37_253}

@@ -12,8 +12,6 @@ from nsdr.generate.render.view import View
 from nsdr.types import SceneObject
 from nsdr.world.camera import Camera
 
-__all__ = ["ALTERED", "FOREIGN", "RATES", "Frames", "seen_from"]
-
 Frames = NDArray[np.uint8]
 """(F, height, width, 3) RGB."""
 Alteration = Callable[[Frames], Frames]

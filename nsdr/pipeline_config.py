@@ -19,8 +19,6 @@ from nsdr.tracking.tracker import TrackerConfig
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.camera import Camera, check_release_size
 
-__all__ = ["PipelineConfig", "pipeline_settings"]
-
 
 @dataclass(frozen=True)
 class PipelineConfig(Settings):

@@ -22,30 +22,6 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 
-__all__ = [
-    "MAX_SIZE",
-    "Array",
-    "BoolArray",
-    "Checked",
-    "Count",
-    "Finite",
-    "FloatArray",
-    "IntArray",
-    "NotNegative",
-    "PathName",
-    "Positive",
-    "PositiveCount",
-    "Settings",
-    "Share",
-    "Size",
-    "check_fields",
-    "convert",
-    "expect",
-    "explained",
-    "one_of",
-    "shown",
-]
-
 MAX_SIZE = 65_536
 """Largest width of a network and number of its steps, samples or proposals: more is a mistake, and would fill the memory."""
 LARGEST = sys.float_info.max

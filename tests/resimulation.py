@@ -14,8 +14,6 @@ from scipy.optimize import minimize
 
 from nsdr.generate.physics.bullet import Body, BulletMotion, Simulator
 
-__all__ = ["Resimulation", "resimulate"]
-
 FloatArray = NDArray[np.floating[Any]]
 LOG_MASS_RATIO_STD = 0.24
 """Standard deviation of the log ratio of two masses uniform in 0.7-1.3; width of the prior."""

@@ -226,7 +226,7 @@ def test_every_public_name_is_exported_by_the_package() -> None:
     assert callable(download)
     assert read_annotation.__module__ == "nsdr.clevrer.files.annotations"
     assert CLEVRER.__module__ == "nsdr.clevrer.dataset"
-    internal = {"answer_forms", "schema", "transfer", "typed", "velocity_rule", "example"}
+    internal = {"answer_forms", "schema", "velocity_rule", "example"}
     found = pkgutil.walk_packages(nsdr.clevrer.__path__, "nsdr.clevrer.")
     files = [m.name for m in found if not m.ispkg and m.name.rpartition(".")[2] not in internal]
     public = {name for file in files for name in importlib.import_module(file).__all__}

@@ -7,8 +7,6 @@ import pytest
 import torch
 from torch.utils.data import DataLoader
 
-import nsdr.frame_parser
-import nsdr.tracking
 from nsdr import CheckpointError, DataError, VideoError, VideoProposals
 from nsdr.clevrer.files.proposals import proposals_document, proposals_from_rows
 from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
@@ -268,16 +266,6 @@ def test_a_parser_moves_to_a_device_or_says_why_not(tiny_parser: FrameParser, tm
         FrameParser.from_pretrained(tmp_path, device="abacus")
     with pytest.raises(CheckpointError, match="no checkpoint"):
         FrameParser.from_pretrained(tmp_path / "none")
-
-
-def test_public_names_load_from_the_packages() -> None:
-    for package in (nsdr.frame_parser, nsdr.tracking):
-        assert all(getattr(package, name) is not None for name in package.__all__)
-        assert dir(package) == sorted(package.__all__)
-        with pytest.raises(AttributeError, match="nothing"):
-            _ = package.nothing
-    assert nsdr.frame_parser.FrameParser is FrameParser
-    assert nsdr.tracking.track is track
 
 
 class _Perfect(torch.nn.Module):

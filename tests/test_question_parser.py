@@ -5,8 +5,6 @@ import sys
 import pytest
 import torch
 
-import nsdr.language
-import nsdr.question_parser
 from nsdr import AutoParser, CheckpointError, DataError, GrammarParser, Program, QuestionError, QuestionParser
 from nsdr.io.checkpoint import load_checkpoint, save_checkpoint
 from nsdr.language.normal import normal_form
@@ -196,15 +194,6 @@ def test_a_parser_moves_to_a_device_or_says_why_not(network: QuestionParser, tmp
         QuestionParser.from_pretrained(device="abacus")
     with pytest.raises(CheckpointError, match="no checkpoint"):
         QuestionParser.from_pretrained(tmp_path / "none")
-
-
-def test_public_names_load_from_the_packages() -> None:
-    for package in (nsdr.question_parser, nsdr.language):
-        assert all(getattr(package, name) is not None for name in package.__all__)
-        assert dir(package) == sorted(package.__all__)
-        with pytest.raises(AttributeError, match="nothing"):
-            _ = package.nothing
-    assert nsdr.question_parser.QuestionParser is QuestionParser
 
 
 def test_the_shipped_parser_knows_the_words_of_all_wordings(network: QuestionParser) -> None:

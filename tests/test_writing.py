@@ -44,7 +44,7 @@ def test_a_full_disk_is_one_line_and_keeps_what_was_there(code, tmp_path, monkey
     def full(*_, **__):
         raise OSError(code, os.strerror(code))
 
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(DataError, match=rf"a\.json: cannot be written \({os.strerror(code)}\)"):
         write_json(path, "after")
     assert path.read_bytes() == b'"before"\n'

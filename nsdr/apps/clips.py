@@ -23,8 +23,6 @@ from nsdr.types.interventions import Intervention
 from nsdr.visualize.html_parts import jpeg
 from nsdr.world.physics_constants import FPS
 
-__all__ = ["Clip", "Clips", "Progress"]
-
 KEPT_CLIPS = 16
 """Clips that are kept, as by a pipeline."""
 Progress = Callable[[float, str], Any]

@@ -16,8 +16,6 @@ from nsdr.types.interventions import intervention_text
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 
-__all__ = ["comparison_frames", "write_comparison"]
-
 HEADER_PX = 48
 """Height of the two lines of text above the images (pixels)."""
 FONT = cv2.FONT_HERSHEY_SIMPLEX

@@ -19,8 +19,6 @@ from nsdr.symbolic import format_tree
 from nsdr.types import Add, Event, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, intervention_text
 
-__all__ = ["AgentTools", "Change", "make_server"]
-
 INSTRUCTIONS = """Tools that look at short videos of colliding objects (CLEVRER), answer questions about them, predict what
 comes next, and simulate what would happen if something were different. Videos are named by their path in one folder.
 Frames count from 0, 25 a second. Perceiving a video takes a few seconds the first time. Events are "in", "out" and "collision";

@@ -9,8 +9,6 @@ from nsdr.types import Add, Event, Freeze, Move, Remove, Scene, SetMass, SetVelo
 from nsdr.types.interventions import MAX_POSITION_WORLD, MAX_SPEED_WORLD_PER_S, Intervention
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["CHANGES", "MAX_SLIDERS", "Change", "Example", "Slider", "changed_objects", "examples", "intervention"]
-
 MAX_PAIRS = 6
 """Pairs of objects among the choices of a question about collisions."""
 

@@ -12,8 +12,6 @@ from nsdr.visualize.event_words import change_text, interventions_text
 from nsdr.visualize.html_parts import answer_html, summary_html, thumbnail
 from nsdr.visualize.violations import VIOLATIONS_STYLE
 
-__all__ = ["STYLE", "answer_panel", "difference_panel", "notes_panel", "rests_on"]
-
 MAX_FRAMES = 6
 """Frames that are shown beside an answer."""
 STYLE = (

@@ -27,8 +27,6 @@ from nsdr.visualize.annotate import write_annotated_video
 from nsdr.visualize.timeline import timeline_html
 from nsdr.visualize.violations import judgement_html
 
-__all__ = ["serve"]
-
 log = logging.getLogger(__name__)
 
 QUEUE = 20

@@ -8,8 +8,6 @@ from torch import Tensor, nn
 
 from nsdr.io.registry import Registry
 
-__all__ = ["BASELINES", "Baseline", "Batch", "Sizes"]
-
 
 class Batch(NamedTuple):
     """B texts about V videos of F frames. A text is a descriptive question, or a question with one of its options.

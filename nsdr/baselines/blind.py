@@ -15,8 +15,6 @@ from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestion
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed
 
-__all__ = ["FOLDS", "tag_blind"]
-
 FOLDS = 5
 """Parts of the scenes; each is predicted by what was fitted on the others. Also the min number of scenes of a question type."""
 NGRAMS = (1, 3)

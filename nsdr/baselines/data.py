@@ -13,17 +13,13 @@ from torch.nn.utils.rnn import pad_sequence
 from nsdr.baselines.base import Batch, Sizes
 from nsdr.baselines.features.files import KINDS, Features
 from nsdr.baselines.features.words import recolored
+from nsdr.baselines.q_type import OPTION_ANSWERS
 from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
-from nsdr.question_parser.tokenizer import END, PAD, PROGRAM_TOKENS, Tokenizer
+from nsdr.question_parser.tokenizer import END, PAD, TOKEN_INDEX, Tokenizer
 
-__all__ = ["PAD", "PROGRAM_SEPARATOR", "Example", "Vocabulary", "encoded", "make_batch", "training_examples"]
-
-CHOICE_ANSWERS = ("correct", "wrong")
-"""Answers to an option, the last two of all answers; the others are those to descriptive questions."""
 PROGRAM_SEPARATOR = END
 """Token between the question's program and the option's."""
-_TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 
 
 @dataclass(frozen=True)
@@ -34,15 +30,15 @@ class Vocabulary:
 
     Attributes:
         words: known words, whose indices begin at 1; 0 is `PAD`.
-        answers: answers to descriptive questions in alphabetical order, then `CHOICE_ANSWERS`.
+        answers: answers to descriptive questions in alphabetical order, then `OPTION_ANSWERS`.
     """
 
     words: tuple[str, ...]
     answers: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        if self.answers[-len(CHOICE_ANSWERS) :] != CHOICE_ANSWERS:
-            raise DataError(f"answers end with {self.answers[-2:]}; expected {' and '.join(CHOICE_ANSWERS)}")
+        if self.answers[-len(OPTION_ANSWERS) :] != OPTION_ANSWERS:
+            raise DataError(f"answers end with {self.answers[-2:]}; expected {' and '.join(OPTION_ANSWERS)}")
 
     @classmethod
     def from_questions(cls, scenes: Iterable[SceneQuestions]) -> "Vocabulary":
@@ -50,7 +46,7 @@ class Vocabulary:
         questions = [q for scene in scenes for q in scene.questions]
         texts = {text for q in questions for text in (q.text, *(c.text for c in q.choices))}
         answers = sorted({q.answer for q in questions if q.answer is not None})
-        return cls(Tokenizer.from_texts(texts).words, (*answers, *CHOICE_ANSWERS))
+        return cls(Tokenizer.from_texts(texts).words, (*answers, *OPTION_ANSWERS))
 
     @cached_property
     def _tokenizer(self) -> Tokenizer:
@@ -74,7 +70,7 @@ class Vocabulary:
 
     def possible_answers(self) -> Tensor:
         """(2, answers) bool: the answers to descriptive questions, and those to options."""
-        is_choice = torch.tensor([answer in CHOICE_ANSWERS for answer in self.answers])
+        is_choice = torch.tensor([answer in OPTION_ANSWERS for answer in self.answers])
         return torch.stack([~is_choice, is_choice])
 
 
@@ -121,10 +117,10 @@ def encoded(scene_index: int, question: Question, vocabulary: Vocabulary, needs:
 def _token_indices(text: Question | Choice) -> list[int]:
     if text.program is None:
         raise QuestionError(f"{text.text!r} has no program; parse the questions, or give a file with programs")
-    unknown = [token for token in text.program if token not in _TOKEN_INDEX]
+    unknown = [token for token in text.program if token not in TOKEN_INDEX]
     if unknown:
         raise QuestionError(f"the program of {text.text!r} has the unknown token {unknown[0]!r}")
-    return [_TOKEN_INDEX[token] for token in text.program]
+    return [TOKEN_INDEX[token] for token in text.program]
 
 
 def training_examples(

@@ -11,8 +11,6 @@ from nsdr.types import Answer, ChoiceAnswer
 from nsdr.validation import expect
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["PUBLISHED_Q_TYPE", "q_type_answers", "q_type_baselines"]
-
 PUBLISHED_Q_TYPE = {
     "random": {
         "descriptive": 29.2,

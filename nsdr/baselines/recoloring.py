@@ -9,8 +9,6 @@ from nsdr.baselines.data import Example, Vocabulary
 from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.world.vocabulary import COLORS
 
-__all__ = ["Recoloring"]
-
 
 class Recoloring:
     """Draws exchanges of colours, and applies them to texts.

@@ -13,8 +13,6 @@ from nsdr.errors import DataError, NsdrError, QuestionError
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
 
-__all__ = ["keep_recording", "option_tags", "tag_options"]
-
 CHANGED = "get_changed"
 """Program token of what-ifs about changed objects."""
 

@@ -19,8 +19,6 @@ from nsdr.io.checkpoint import PretrainedPart, load_description, load_network
 from nsdr.question_parser.base import Parser, read_programs
 from nsdr.types import Answer, ChoiceAnswer
 
-__all__ = ["TrainedBaseline", "masked_scores"]
-
 TEXTS_PER_BATCH = 64
 """Most texts of one video that are answered at once; memory is the only thing that depends on it."""
 

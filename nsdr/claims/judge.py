@@ -10,8 +10,6 @@ from nsdr.symbolic.causal import causal_path
 from nsdr.types import Event, Scene
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["ClaimJudge", "Verdict"]
-
 
 @dataclass(frozen=True)
 class Verdict:

@@ -22,8 +22,6 @@ from nsdr.symbolic.program import Program, Step
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["Length", "narrate", "reasons"]
-
 Length = Literal["short", "long"]
 EVENT_FILTERS = {"filter_in": "in", "filter_out": "out", "filter_collision": "collision"}
 

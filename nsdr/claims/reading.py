@@ -19,8 +19,6 @@ from nsdr.symbolic.phrases import indefinite
 from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, NOUNS
 
-__all__ = ["read_sentence", "written"]
-
 NORMAL = {
     **FORMS,
     **{"bumps": "bump", "bumped": "bump", "runs": "run", "ran": "run", "leads": "lead", "led": "lead"},

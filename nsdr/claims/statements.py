@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-__all__ = ["HAPPENING", "PAST_KINDS", "PLACES", "EventPhrase", "ObjectPhrase", "Statement"]
-
 PAST_KINDS = {"in": "entrance", "out": "exit", "collision": "collision"}
 """Kind of the claim that an event of each kind happens in the video."""
 

@@ -10,8 +10,6 @@ from nsdr.claims.statements import Statement
 from nsdr.types import Scene
 from nsdr.validation import Count, convert, expect
 
-__all__ = ["TOLERANCE_FRAMES", "Claim", "Verification", "verify"]
-
 TOLERANCE_FRAMES = 1
 """By how many frames a stated frame may differ from the scene's. CLEVRER's own files differ by as much: of 29 collisions in
 annotations and in the release's `processed_proposals`, 18 have the same frame in both and 11 are one later in the latter."""

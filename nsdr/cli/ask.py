@@ -25,8 +25,6 @@ from nsdr.types import Answer, Scene
 if TYPE_CHECKING:
     from nsdr.clevrer.files.questions import Question
 
-__all__ = ["answer", "demo", "execute", "parse_question"]
-
 EXTENSIONS = "also read questions beyond CLEVRER: speeds, directions, masses, changed objects (docs/questions.md)"
 
 

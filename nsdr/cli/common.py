@@ -15,22 +15,6 @@ from nsdr.io.files import check_output
 from nsdr.io.jobs import ENGINES, FAILURES
 from nsdr.io.reading import read_json
 
-__all__ = [
-    "VIDEO",
-    "check_outputs",
-    "configured",
-    "failures_line",
-    "frames_of",
-    "is_scene",
-    "left_out",
-    "make_pipeline",
-    "question_parser",
-    "refuse_for_scene",
-    "refuse_idle",
-    "settings_of",
-    "shared_options",
-]
-
 Config = TypeVar("Config")
 VIDEO = "video file, animated image (GIF, WebP) or folder of frames (PNG, JPEG)"
 """What commands take as a video, for their help."""

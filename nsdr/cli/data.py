@@ -8,8 +8,6 @@ from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.cli.common import left_out, shared_options
 from nsdr.io.files import check_output_folder
 
-__all__ = ["data_download", "data_frames", "data_motion", "data_verify", "export"]
-
 SHOWN_MISSING = 5
 
 

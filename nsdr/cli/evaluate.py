@@ -14,8 +14,6 @@ from nsdr.cli.common import check_outputs, failures_line, settings_of, shared_op
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output_folder
 
-__all__ = ["compare_videos", "controls", "evaluate", "experiment", "score", "tag"]
-
 
 def evaluate_options(parser: Any) -> None:
     from nsdr.evaluation import EvaluationConfig

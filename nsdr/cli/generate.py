@@ -26,8 +26,6 @@ from nsdr.io.jobs import ENGINES, run_in_order
 from nsdr.validation import Count, Settings, one_of
 from nsdr.world.camera import CLEVRER_CAMERA
 
-__all__ = ["COMMANDS", "SceneOptions", "generate"]
-
 
 @dataclass(frozen=True)
 class SceneOptions(Settings):

@@ -18,8 +18,6 @@ import jsonargparse
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.limits import limits
 
-__all__ = ["COMMANDS", "Terminated", "interruptible", "main", "outcome_of"]
-
 COMMANDS: dict[str, tuple[str, str]] = {
     "answer": ("ask", "answer a question about a video"),
     "parse-question": ("ask", "turn a question or choice into a program"),

@@ -22,11 +22,9 @@ from nsdr.cli.common import (
     shared_options,
 )
 from nsdr.errors import DataError
-from nsdr.io.files import check_installed, check_output, check_output_folder
+from nsdr.io.files import check_installed, check_output, check_output_folder, write_file
 from nsdr.io.storage import load, save
 from nsdr.types import Scene
-
-__all__ = ["judge", "parse_video", "parse_videos", "predict_dynamics", "visualize"]
 
 DECIMALS = 3
 """Decimals of positions (world units) and speeds (world units/s) in a saved scene."""
@@ -249,7 +247,6 @@ def _pictures(options: Any, saved: bool) -> list[tuple[str, str]]:
 
 
 def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any], removed: int | None) -> None:
-    from nsdr.io.files import atomic_path
     from nsdr.visualize import annotated_image, stroboscopic_image, write_annotated_video, write_report
     from nsdr.visualize.annotate import write_image
     from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
@@ -264,5 +261,4 @@ def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any
         write_image(path, stroboscopic_image(frames, p.proposals, p.tracks))
     else:
         figure = plan_figure(p.dynamics, removed, p.camera) if image == "plan" else causal_figure(p.scene)
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(figure_png(figure))
+        write_file(path, figure_png(figure))

@@ -10,8 +10,6 @@ from nsdr.cli.common import make_pipeline, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed
 
-__all__ = ["mcp", "serve"]
-
 Port = restricted_number_type("Port", int, [(">=", 1), ("<=", 65535)])
 Seconds = restricted_number_type("Seconds", float, [(">", 0), ("<", math.inf)])
 

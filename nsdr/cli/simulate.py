@@ -14,8 +14,6 @@ from nsdr.types.interventions import Intervention
 from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["simulate"]
-
 PLACE, PLACE_AND_VELOCITY = 2, 4
 """Numbers after an object of `--add`."""
 ID_DIGITS = 9

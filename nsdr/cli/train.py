@@ -8,8 +8,6 @@ from importlib import import_module
 from nsdr.cli.common import KEEP_GOING, configured, left_out
 from nsdr.errors import DataError
 
-__all__ = ["PARTS", "extract_features", "train"]
-
 PARTS = {
     name: f"nsdr.training.{name.replace('-', '_')}"
     for name in ("frame-parser", "dynamics", "collisions", "question-parser", "average")

@@ -25,8 +25,6 @@ from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.vocabulary import attributes_of, differing_words
 
-__all__ = ["BASELINES", "baselines", "bullet_runs", "perceived"]
-
 SAME_OBJECT_WORLD = 2 * OBJECT_RADIUS_WORLD
 """Over the given frames, a track is an object of the truth when it is nearer to it than an object's width (world units)."""
 OTHER_WORD_WORLD = 0.1

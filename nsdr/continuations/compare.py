@@ -46,8 +46,6 @@ from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS
 
-__all__ = ["FLOORS", "GENERATED", "ROWS", "compare_videos"]
-
 MIN_FOLLOWING_FRAMES = 8
 """A video with fewer frames after the cut is too short to say anything (frames)."""
 GENERATED, TRUTH = "generated videos", "truth, as perceived"

@@ -11,12 +11,10 @@ import numpy as np
 
 from nsdr.continuations.compare import GENERATED, ROWS
 from nsdr.continuations.score import MEASURES
-from nsdr.io.files import atomic_path, write_json
+from nsdr.io.files import write_file, write_json
 from nsdr.io.video import read_frames, spaced
 from nsdr.visualize.figures import figure_png, pyplot
 from nsdr.visualize.html_parts import figure_html, jpeg, write_page
-
-__all__ = ["curves_figure", "markdown_table", "write_files"]
 
 TITLE = "Continuations of videos"
 WORST = 5
@@ -87,11 +85,9 @@ def write_files(report: Mapping[str, Any], folder: Path, command: str) -> list[P
     paths = [folder / name for name in ("report.json", "table.md", "curves.png", "report.html")]
     write_json(paths[0], {"command": command, **report}, indent=1)
     made = f"{len(report['videos'])} videos. Made by `{command}`, revision {report['revision']}."
-    with atomic_path(paths[1]) as temporary:
-        temporary.write_text(f"{markdown_table(report)}\n{NOTES}\n{made}\n{_not_scored(report)}", encoding="utf-8")
+    write_file(paths[1], f"{markdown_table(report)}\n{NOTES}\n{made}\n{_not_scored(report)}")
     picture = figure_png(curves_figure(report))
-    with atomic_path(paths[2]) as temporary:
-        temporary.write_bytes(picture)
+    write_file(paths[2], picture)
     write_page(paths[3], TITLE, _body(report, picture, made), "body { max-width: 1500px }")
     return paths
 

@@ -13,8 +13,6 @@ from nsdr.types.arrays import ArrayHolder
 from nsdr.validation import Array, BoolArray, FloatArray, IntArray
 from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, SAME_EVENT_FRAMES, STEPS_PER_FRAME
 
-__all__ = ["MEASURES", "Continuation", "Measure", "PossibleFutures", "TrueFuture", "add", "score", "true_future"]
-
 Sums = dict[str, Any]
 """By name: a number, or a list with one for each frame after the cut. Those of several runs or videos add up."""
 MIN_GIVEN_FRAMES = 8

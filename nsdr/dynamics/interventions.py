@@ -3,10 +3,8 @@
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nsdr.clevrer.files.scenes import enter_exit_events
 from nsdr.dynamics.scene import scene_from_prediction
@@ -26,11 +24,9 @@ from nsdr.types import (
     Simulation,
 )
 from nsdr.types.interventions import Intervention
+from nsdr.types.scenes import in_order
+from nsdr.validation import BoolArray, FloatArray
 
-__all__ = ["Changes", "find_object", "make_simulation", "resolve", "simulate_removal"]
-
-FloatArray = NDArray[np.floating[Any]]
-BoolArray = NDArray[np.bool_]
 EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
 """Interventions of which an object takes one. `Remove` excludes all others."""
 
@@ -187,8 +183,7 @@ def make_simulation(
 
 
 def _events(rollout: Rollout) -> tuple[Event, ...]:
-    events = [*enter_exit_events(rollout.visible), *rollout.collisions]
-    return tuple(sorted(events, key=lambda e: (e.frame, e.kind == "collision")))
+    return in_order([*enter_exit_events(rollout.visible), *rollout.collisions])
 
 
 def _scene(objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept: Sequence[int]) -> Scene:

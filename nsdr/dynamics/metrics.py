@@ -10,8 +10,6 @@ from nsdr.dynamics.motion_states import MotionStates
 from nsdr.types import Event, Rollout
 from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
-__all__ = ["collision_scores", "rollout_errors"]
-
 
 def collision_scores(pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]]) -> dict[str, float]:
     """Precision, recall and F1 of (predicted, true) collisions: same pair, frames at most `SAME_EVENT_FRAMES` apart."""

@@ -2,30 +2,16 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.tracking.visibility import hidden_sides
 from nsdr.types import SceneObject, VideoTracks
+from nsdr.validation import BoolArray, FloatArray, IntArray
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import MATERIALS, SHAPES
 
-__all__ = [
-    "COLLISION_MARGIN_FRAMES",
-    "REST_SPEED_WORLD_PER_S",
-    "UNRELIABLE_WEIGHT",
-    "MotionStates",
-    "detections_in",
-    "extrapolate",
-    "object_features",
-    "states_from_tracks",
-]
-
-FloatArray = NDArray[np.floating[Any]]
-IntArray = NDArray[np.integer[Any]]
-BoolArray = NDArray[np.bool_]
 UNRELIABLE_WEIGHT = 0.03
 """Weight of positions of objects that are hidden in part or cut by the image's border. Like the next two, chosen by the
 accuracy of answers on `dev` scenes."""

@@ -14,8 +14,6 @@ from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.dispatcher import Dispatcher
 
-__all__ = ["cached_njit", "inlined_njit"]
-
 ERROR_MODEL: Literal["numpy"] = "numpy"
 """A division by zero gives infinity; a test and an exception for each would take long to compile."""
 DIGITS = 12

@@ -16,16 +16,6 @@ from nsdr.io.limits import check_limit
 from nsdr.io.registry import Registry
 from nsdr.validation import Count, Settings, one_of
 
-__all__ = [
-    "BACKENDS",
-    "READ_NO_IMAGES",
-    "BackendConfig",
-    "BackendFactory",
-    "backend_settings",
-    "checkpoint_folders",
-    "load_backend",
-]
-
 PATCH_CHECKPOINTS = {"paper": "dynamics_paper", "paper_images": "dynamics_paper_images"}
 """Backends whose network sees patches, and the shipped checkpoint of each beside `default`."""
 READ_NO_IMAGES = ("physics", "state", "paper")

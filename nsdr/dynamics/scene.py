@@ -9,8 +9,6 @@ from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events
 from nsdr.types import DynamicsPrediction, Event, Scene, UncertainCollision, VideoTracks
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 
-__all__ = ["collisions_of", "scene_from_prediction"]
-
 PREDICTED_MOVING_SPEED_WORLD_PER_S = 0.05
 """Where no speed was fitted, an object moves above this speed: noisy positions make resting objects seem to creep. Set on ten
 annotation files."""

@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.world.physics_constants import FRAME_SECONDS, GRAVITY, GROUND_FRICTION, LINEAR_DAMPING
+from nsdr.validation import FloatArray
+from nsdr.world.physics_constants import FRAME_SECONDS, LINEAR_DAMPING, SLIDING_DECELERATION
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["fit_one", "fit_sliding", "slide", "slide_one", "slide_roughly"]
-
-FloatArray = NDArray[np.floating[Any]]
 MAX_SPEED_WORLD_PER_S = 6.0
 """Fastest speed, also of what going back in time leads to; twice CLEVRER's fastest start."""
 NOISE_WORLD = 0.01
@@ -30,8 +28,7 @@ _MIN_SPEED_WORLD_PER_S = 1e-9
 _MIN_SPREAD = 1e-12
 """Weighted squares of seconds below this tell no speed."""
 _SPHERE = SHAPES.index("sphere")
-_DECELERATION = GROUND_FRICTION["cube"] * GRAVITY
-_ROOT = np.sqrt(4 * _DECELERATION * LINEAR_DAMPING - LINEAR_DAMPING**2)
+_ROOT = np.sqrt(4 * SLIDING_DECELERATION * LINEAR_DAMPING - LINEAR_DAMPING**2)
 _REST_ANGLE = np.arctan(LINEAR_DAMPING / _ROOT)
 _MAX_ANGLE = np.arctan((2 * LINEAR_DAMPING * MAX_SPEED_WORLD_PER_S + LINEAR_DAMPING) / _ROOT)
 _MAX_RATIO = MAX_SPEED_WORLD_PER_S / (1 + MAX_SPEED_WORLD_PER_S)
@@ -56,14 +53,14 @@ def slide_one(shape, speed, seconds):  # type: ignore[no-untyped-def]
         later = ratio / (1 - ratio)
         loss = k * speed * (1 + speed)
         return np.log((1 + speed) / (1 + later)) / k, later, (speed - later) / loss, k * later * (1 + later) / loss
-    loss = _DECELERATION + k * speed + k * speed * speed
+    loss = SLIDING_DECELERATION + k * speed + k * speed * speed
     angle = np.arctan((2 * k * speed + k) / _ROOT)
     final = min(angle - _ROOT * seconds / 2, _MAX_ANGLE)
     if final <= _REST_ANGLE:
-        distance = np.log(loss / _DECELERATION) / (2 * k) - (angle - _REST_ANGLE) / _ROOT
+        distance = np.log(loss / SLIDING_DECELERATION) / (2 * k) - (angle - _REST_ANGLE) / _ROOT
         return distance, 0.0, speed / loss, 0.0
     later = (_ROOT * np.tan(final) - k) / (2 * k)
-    loss_later = _DECELERATION + k * later + k * later * later
+    loss_later = SLIDING_DECELERATION + k * later + k * later * later
     distance = np.log(loss / loss_later) / (2 * k) - (angle - final) / _ROOT
     return distance, later, (speed - later) / loss, loss_later / loss
 
@@ -124,7 +121,7 @@ def slide_roughly(shape, speed, seconds, extra, onset, end):  # type: ignore[no-
         end: and ends (s, `onset` or later).
     """
     distances, speeds = np.empty(len(seconds)), np.empty(len(seconds))
-    law = 0.0 if shape == _SPHERE else _DECELERATION
+    law = 0.0 if shape == _SPHERE else SLIDING_DECELERATION
     speed = min(speed, MAX_SPEED_WORLD_PER_S)
     covered, now, _, _ = slide_one(shape, speed, onset)
     at = onset

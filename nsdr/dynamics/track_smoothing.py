@@ -19,21 +19,11 @@ from nsdr.dynamics.motion_states import COLLISION_MARGIN_FRAMES, REST_SPEED_WORL
 from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
+from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 
-__all__ = [
-    "SmoothedTracks",
-    "border_depths",
-    "frames_in_image",
-    "rollout_in_image",
-    "smooth_tracks",
-    "with_smoothed_tracks",
-]
-
-FloatArray = NDArray[np.floating[Any]]
-BoolArray = NDArray[np.bool_]
 Motion = Callable[[int, int], tuple[FloatArray, FloatArray]]
 """(start, end) -> positions and velocities (end - start, 2) of the frames between."""
 MIN_STRETCH_FRAMES = 4

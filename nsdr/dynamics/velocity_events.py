@@ -12,8 +12,6 @@ from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, Camera, grid_from_pixels, on_ground
 
-__all__ = ["VelocityEvents", "velocity_collisions"]
-
 SAMPLE_STRIDE_FRAMES = 5
 """Frames between the samples that the rule reads, as in the released files."""
 LEAD_FRAMES = 20

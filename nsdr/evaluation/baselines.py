@@ -25,8 +25,6 @@ from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.fingerprint import fingerprint
 from nsdr.types import Answer
 
-__all__ = ["USED", "baseline_fingerprint", "evaluate_baseline", "training_text"]
-
 PROGRAMS = ("programs", "parser", "parser_model", "checkpoint")
 """Settings of `EvaluationConfig` that only baselines use which read programs."""
 USED = ("questions", "root", "split", "types", "every", "limit", *PROGRAMS)

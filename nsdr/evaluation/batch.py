@@ -21,8 +21,6 @@ from nsdr.io.reading import read_json
 from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
 
-__all__ = ["judge_videos", "judged", "parse_videos", "predict_dynamics", "worker_pipeline"]
-
 FORMATS = ("predictions", "scenes")
 
 

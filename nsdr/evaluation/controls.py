@@ -17,8 +17,6 @@ from nsdr.io.jobs import Job, Summary, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.io.video import even_frames, write_video
 
-__all__ = ["CONTROLS", "EXCHANGED", "exchange", "write_controls"]
-
 VERSION = 1
 """Of the videos that are written: raised when they change."""
 CONTROLS = ("blind", "reversed", "shuffled")

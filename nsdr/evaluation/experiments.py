@@ -27,12 +27,10 @@ from nsdr.evaluation.measures import blind_text, calibration_text, percent
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation, selected_questions
 from nsdr.evaluation.score import first_failure, score_answers
 from nsdr.io.configuration import config_of
-from nsdr.io.files import atomic_path, locked, write_json
+from nsdr.io.files import locked, write_file, write_json
 from nsdr.io.fingerprint import code_revision, fingerprint
 from nsdr.io.reading import read_json, read_yaml
 from nsdr.validation import convert
-
-__all__ = ["ExperimentRow", "failed_questions", "markdown_table", "read_experiment", "run_experiment"]
 
 INTERVAL = " ({:.1f}-{:.1f})"
 
@@ -80,10 +78,8 @@ class ExperimentRow(msgspec.Struct, frozen=True):
         evaluation = {} if self.evaluation is None else asdict(self.evaluation)
         for name in ("cache", "engine", "workers", "device"):
             evaluation.pop(name, None)
-        row: dict[str, Any] = {"name": self.name, "baseline": self.baseline, "training": self.training}
-        row |= {"published": list(self.published or ()), "trained": self.trained}
-        row |= {"features": self.features, "control": self.control}
-        return row | {k: list(v) if isinstance(v, tuple) else v for k, v in evaluation.items()}
+        row = {name: getattr(self, name) for name in OWN_KEYS} | {"published": self.published or ()} | evaluation
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in row.items()}
 
     def fingerprint(self) -> str:
         """Of everything the row's numbers depend on."""
@@ -174,8 +170,7 @@ def run_experiment(path: str | Path, output: str | Path = "results", device: str
                 known[row.name] = about | _measured(row, device)
             done = [known[r.name] for r in rows if r.name in known]  # rows that were kept, and are still to come, too
             write_json(file, {"title": title, "command": command, "rows": done}, indent=1)
-        with atomic_path(table) as temporary:
-            temporary.write_text(markdown_table(title, command, done), encoding="utf-8")
+        write_file(table, markdown_table(title, command, done))
     return table
 
 

@@ -11,24 +11,6 @@ from numpy.typing import NDArray
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES
 from nsdr.errors import DataError
 
-__all__ = [
-    "BINS",
-    "BLIND_HALVES",
-    "SURE",
-    "accuracy_interval",
-    "blind_text",
-    "by_halves",
-    "calibration",
-    "calibration_text",
-    "compare_reports",
-    "difference_interval",
-    "format_comparison",
-    "mean_interval",
-    "percent",
-    "ratio_interval",
-    "wilson_interval",
-]
-
 Z_95 = 1.959964
 """Standard normal quantile of a two-sided 95 % interval."""
 RESAMPLES = 2000

@@ -16,8 +16,6 @@ from nsdr.evaluation.measures import percent
 from nsdr.evaluation.score import format_table, score_answers
 from nsdr.types import Answer, ChoiceAnswer
 
-__all__ = ["answer_of", "format_report", "reference_rows", "score_responses"]
-
 MISSING, UNREAD = "missing: the file has no answer", "unread"
 """How the errors of missing and of unread answers begin."""
 SHOWN_CHARACTERS = 300

@@ -34,16 +34,6 @@ from nsdr.symbolic import Executor, Program
 from nsdr.types import Scene
 from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 
-__all__ = [
-    "EvaluationConfig",
-    "evaluation_fingerprint",
-    "parse_all",
-    "parser_of",
-    "run_evaluation",
-    "selected_questions",
-    "true_scene_of",
-]
-
 VERSION = 2
 """Of reports: raised when they change."""
 COUNTERFACTUALS = ("simulated", "recording")

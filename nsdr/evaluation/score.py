@@ -12,8 +12,6 @@ from nsdr.symbolic import Executor, Program
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Answer, ChoiceAnswer
 
-__all__ = ["Parse", "evaluate", "first_failure", "format_table", "score_answers"]
-
 Parse = Callable[[str, str], Program]
 """(text, kind) -> program, as `QuestionParser.parse`."""
 Row = dict[str, Any]

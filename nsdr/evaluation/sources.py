@@ -17,16 +17,6 @@ from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.types import Scene
 from nsdr.validation import expect
 
-__all__ = [
-    "SOURCES",
-    "Data",
-    "PerceptionInput",
-    "SceneSource",
-    "SourceFactory",
-    "find_file",
-    "prediction_file",
-]
-
 PerceptionInput = Mapping[str, Any]
 """Arguments of `Pipeline.perceive`: `video`, `proposals` or `tracks`."""
 SceneSource = Callable[[SceneQuestions], Scene | PerceptionInput]

@@ -22,8 +22,6 @@ from nsdr.io.limits import check_limit
 from nsdr.validation import Settings, Share, expect
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["AugmentConfig", "FrameDataset", "augment", "collate", "image_tensor"]
-
 Target = dict[str, Tensor]
 """Target of one image, as `AttributeRoIHeads` describes it."""
 

@@ -13,8 +13,6 @@ from nsdr.io.reading import parse_json_lines, read_bytes
 from nsdr.validation import Count, PositiveCount, convert, expect
 from nsdr.world.vocabulary import Color, Material, Shape
 
-__all__ = ["read_frame_records"]
-
 
 class _Segmentation(msgspec.Struct):
     size: tuple[PositiveCount, PositiveCount]

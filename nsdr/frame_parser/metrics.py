@@ -10,8 +10,6 @@ from torchvision.ops import box_iou
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
 from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
-__all__ = ["average_precision", "detection_scores"]
-
 Frame = tuple[Tensor, dict[str, Tensor]]
 """Image (3, H, W) and target, as of `FrameDataset`."""
 MIN_SCORE = 0.9

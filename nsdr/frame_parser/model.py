@@ -22,8 +22,6 @@ from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads, J
 from nsdr.validation import Settings, Share, Size, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["FrameParserConfig", "FrameParserNetwork", "SlimBackbone", "TorchvisionBackbone", "build_frame_parser"]
-
 CHANNEL_MULTIPLE = 16
 """Channels of the slim backbone and the pyramid are multiples of this: oneDNN's channels-last convolutions crash the process
 on other widths (seen with torch 2.15 on a CPU)."""

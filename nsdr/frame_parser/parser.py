@@ -25,8 +25,6 @@ from nsdr.io.device import limit_threads, resolve_precision
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["Detector", "FrameParser"]
-
 MIN_OBJECTNESS = 0.05
 """Regions that are objects with a lower probability are not proposed (0-1). Not in training, where they are the negatives.
 `python benchmarks/frame_parser.py --objectness FRAMES` prints how many detections in training frames come from lower ones."""

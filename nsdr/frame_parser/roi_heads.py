@@ -8,12 +8,8 @@ from torch.nn import functional as F
 from torchvision.models.detection.roi_heads import RoIHeads, fastrcnn_loss, maskrcnn_inference, maskrcnn_loss
 from torchvision.ops import boxes as box_ops
 
-from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import ATTRIBUTES, MATERIALS, N_ATTRIBUTE_TRIPLES, SHAPES
 
-__all__ = ["AttributePredictor", "AttributeRoIHeads", "JointAttributePredictor"]
-
-COMBINATIONS = len(COLORS) * len(MATERIALS) * len(SHAPES)
-"""Number of attribute combinations (48)."""
 MASK_THRESHOLD = 0.5
 """Mask probability above which a pixel belongs to the object (0-1)."""
 MIN_BOX_SIDE_PX = 1.0
@@ -37,7 +33,7 @@ class JointAttributePredictor(nn.Module):
 
     def __init__(self, in_features: int) -> None:
         super().__init__()
-        self.head = nn.Linear(in_features, COMBINATIONS)
+        self.head = nn.Linear(in_features, N_ATTRIBUTE_TRIPLES)
 
     def forward(self, features: Tensor) -> dict[str, Tensor]:
         """Box features (N, C) -> logits of the combinations: attribute (N, 48)."""

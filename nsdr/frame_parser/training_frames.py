@@ -11,15 +11,13 @@ import numpy as np
 
 from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, find_files
+from nsdr.io.files import atomic_path, find_files, write_file
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
-
-__all__ = ["write_frames"]
 
 VERSION = 1
 """Of the frames that are written: raised when they change."""
@@ -77,8 +75,7 @@ def _write_video_frames(every: int, item: tuple[int, Path, Path], lines: Path) -
         is_shown = (proposals.frame_index == frame) & (proposals.score > MIN_SCORE)
         objects = [_object(proposals, row) for row in np.flatnonzero(is_shown).tolist()]
         rows.append({"file_name": name, "scene": index, "frame": frame, "objects": objects})
-    with atomic_path(lines) as temporary:
-        temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    write_file(lines, "".join(json.dumps(row) + "\n" for row in rows))
 
 
 def _object(proposals: VideoProposals, row: int) -> dict[str, Any]:

@@ -40,8 +40,6 @@ from nsdr.io.video import spaced, write_video
 from nsdr.validation import Count, Settings, Share, convert, expect, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["LARGEST_SEED", "DatasetConfig", "Files", "SceneSeed", "generate_dataset"]
-
 RENDERERS = ("preview", "blender", "none")
 VERSIONS_OF = ("nsdr", "pybullet", "bpy", "numpy", "opencv-python-headless", "av")
 """Packages whose versions the manifest records."""
@@ -194,7 +192,8 @@ def _write_manifest(config: DatasetConfig, path: Path) -> None:
 
 
 def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
-    value, (unit, step) = _fingerprint(config), config.job
+    unit, step = config.job
+    value = fingerprint(config=[VERSION, _manifest(config)["config"]])
     jobs = [
         Job(f"video {video}", (split, range(video, video + step)), Files(root, split, video + step - 1).truth, value)
         for split, indices in config.indices().items()
@@ -255,11 +254,6 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
         "n_frames": config.scene.n_frames,
         "versions": versions,
     }
-
-
-def _fingerprint(config: DatasetConfig) -> str:
-    """Of everything that a video depends on beside its index."""
-    return fingerprint(config=[VERSION, _manifest(config)["config"]])
 
 
 def _make_videos(config: DatasetConfig, job: tuple[str, range], _: Path) -> None:

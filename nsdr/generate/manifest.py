@@ -14,8 +14,6 @@ from nsdr.io.configuration import config_of
 from nsdr.validation import Settings, convert
 from nsdr.world.physics_constants import FPS
 
-__all__ = ["made_with"]
-
 Config = TypeVar("Config", bound=Settings)
 
 

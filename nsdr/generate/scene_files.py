@@ -12,8 +12,6 @@ from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import Camera
 from nsdr.world.shapes import rendered_rotation
 
-__all__ = ["annotation_document", "proposal_document", "solids_at", "truth_document"]
-
 MIN_VISIBLE_PX = 20
 """Objects with fewer visible pixels get no mask."""
 DECIMALS = 4

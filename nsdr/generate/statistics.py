@@ -10,21 +10,9 @@ from msgspec.structs import replace
 
 from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
 from nsdr.clevrer.files.questions import SceneQuestions
-from nsdr.io.files import atomic_path
+from nsdr.io.files import write_file
 from nsdr.io.reading import parse_json
 from nsdr.types import Scene
-
-__all__ = [
-    "FRAME_BIN",
-    "RELEASED_QUESTIONS",
-    "TITLES",
-    "Counts",
-    "count_questions",
-    "count_scenes",
-    "released_statistics",
-    "write_question_statistics",
-    "write_statistics",
-]
 
 FRAME_BIN = 10
 """Width of a bin of frames."""
@@ -122,7 +110,7 @@ def write_statistics(folder: str | Path, counts: Counts, title: str) -> None:
     lines = [f"# {title}", "", "Shares in percent, this data set / the release (12,228 videos).", ""]
     for name in (name for name in TITLES if name in counts):
         lines += _table(TITLES[name].capitalize(), counts[name], released.get(name, {}))
-    _write(Path(folder) / "statistics.md", lines)
+    write_file(Path(folder) / "statistics.md", "\n".join(lines) + "\n")
 
 
 def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions]) -> None:
@@ -148,7 +136,7 @@ def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions]
             cells = [_accuracy(found.get(kind), scale) for kind in PUBLISHED_Q_TYPE["random"]]
             lines.append(f"| Q-type ({baseline}), {source} | {' | '.join(cells)} |")
     path = Path(stem)
-    _write(path.with_name(f"{path.name}.statistics.md"), lines)
+    write_file(path.with_name(f"{path.name}.statistics.md"), "\n".join(lines) + "\n")
 
 
 def _accuracy(value: Any, scale: float) -> str:
@@ -171,8 +159,3 @@ def _table(title: str, counts: Mapping[str, float], released: Mapping[str, float
     for name, values in rows.items():
         lines.append(f"| {name} | {' | '.join(f'{100 * values.get(k, 0):.1f}' for k in keys)} |")
     return [*lines, ""]
-
-
-def _write(path: Path, lines: Sequence[str]) -> None:
-    with atomic_path(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -19,8 +19,6 @@ from nsdr.io.limits import limits
 from nsdr.types import LAWS
 from nsdr.validation import Share, one_of
 
-__all__ = ["ViolationsConfig", "generate_violations"]
-
 SCENES_PER_PAIR = 400
 """Scenes tried for one pair: not every scene has an occasion to break every law."""
 PARTS = 4

@@ -8,24 +8,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
 from nsdr.errors import CheckpointError, DataError
 from nsdr.io.device import resolve_device
-from nsdr.io.files import atomic_path, write_json
+from nsdr.io.files import write_file, write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 
 if TYPE_CHECKING:
     import torch
     from torch import nn
-
-__all__ = [
-    "PARTS",
-    "PretrainedPart",
-    "find_checkpoint",
-    "load_checkpoint",
-    "load_description",
-    "load_network",
-    "save_checkpoint",
-    "start_from",
-]
 
 Config = TypeVar("Config")
 Network = TypeVar("Network", bound="nn.Module")
@@ -88,8 +77,7 @@ def save_checkpoint(
         return value.half() if half and value.is_floating_point() else value
 
     folder = Path(folder)
-    with atomic_path(folder / f"{part}.safetensors") as temporary:
-        temporary.write_bytes(save({name: stored(value) for name, value in state.items()}))
+    write_file(folder / f"{part}.safetensors", save({name: stored(value) for name, value in state.items()}))
     settings = asdict(config) if is_dataclass(config) and not isinstance(config, type) else dict(config)
     write_json(folder / f"{part}.json", {"part": part, "config": settings, **details}, indent=1)
 

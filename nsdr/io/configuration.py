@@ -12,8 +12,6 @@ import jsonargparse
 from nsdr.errors import DataError
 from nsdr.io.reading import read_yaml
 
-__all__ = ["config_of", "parse_config"]
-
 T = TypeVar("T")
 UNUSABLE = (jsonargparse.ArgumentError, TypeError, ValueError, KeyError, AttributeError, RecursionError, OSError)
 """What jsonargparse raises about keys and values."""

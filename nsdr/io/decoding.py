@@ -17,18 +17,6 @@ from nsdr.io.images import has_images, is_animated, open_images
 from nsdr.io.limits import check_limit
 from nsdr.world.physics_constants import FPS
 
-__all__ = [
-    "RATES",
-    "RATE_TOLERANCE",
-    "SUFFIXES",
-    "OpenedVideo",
-    "TimedFrames",
-    "check_is_video",
-    "find_videos",
-    "opened",
-    "undecodable",
-]
-
 RATES = (1.0, 1000.0)
 """Lowest and highest frame rate that is read (frames per second); others are errors of the file."""
 SUFFIXES = (".mp4", ".gif", ".webp")

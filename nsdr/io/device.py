@@ -11,17 +11,6 @@ from typing import Any
 
 from nsdr.errors import DataError
 
-__all__ = [
-    "PRECISIONS",
-    "available_cores",
-    "has_bfloat16",
-    "limit_threads",
-    "resolve_device",
-    "resolve_precision",
-    "wait_passively",
-    "without_compiler",
-]
-
 PASSIVE = {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
 """Idle threads of GNU's OpenMP (in torch's wheels for Linux) and of LLVM's or Intel's sleep at once."""
 WAITING = (*PASSIVE, "GOMP_SPINCOUNT")

@@ -18,20 +18,6 @@ from filelock import FileLock, Timeout
 
 from nsdr.errors import DataError
 
-__all__ = [
-    "atomic_path",
-    "by_number",
-    "check_installed",
-    "check_output",
-    "check_output_folder",
-    "find_files",
-    "is_hidden",
-    "locked",
-    "remove_partial_files",
-    "sync",
-    "write_json",
-]
-
 PARTIAL = ".partial"
 """Part of the name of unfinished files, which begins with a dot."""
 LOCK = ".lock"
@@ -98,10 +84,19 @@ def remove_partial_files(folder: Path) -> None:
             path.unlink(missing_ok=True)
 
 
+def write_file(path: str | Path, content: str | bytes) -> None:
+    """Write a file, atomically; text as UTF-8.
+
+    Raises:
+        DataError: as of `atomic_path`.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
     """Write `value` as JSON, atomically."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(value, indent=indent) + "\n")
+    write_file(path, json.dumps(value, indent=indent) + "\n")
 
 
 def sync(*paths: Path) -> None:

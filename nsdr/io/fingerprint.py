@@ -16,8 +16,6 @@ from typing import Any
 
 from nsdr.errors import DataError
 
-__all__ = ["code_revision", "fingerprint"]
-
 DIGITS = 16
 """Hexadecimal digits of a fingerprint."""
 

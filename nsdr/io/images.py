@@ -19,8 +19,6 @@ from nsdr.errors import VideoError
 from nsdr.io.files import is_hidden
 from nsdr.io.limits import check_limit
 
-__all__ = ["Images", "has_images", "is_animated", "open_images"]
-
 FORMATS = ("GIF", "JPEG", "PNG", "WEBP")
 """Formats that are read."""
 SUFFIXES = (".png", ".jpg", ".jpeg")

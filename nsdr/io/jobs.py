@@ -22,8 +22,6 @@ from nsdr.errors import DataError
 from nsdr.io.device import available_cores
 from nsdr.io.files import check_installed, locked, remove_partial_files, sync, write_json, writing
 
-__all__ = ["ENGINES", "FAILURES", "Job", "Outcome", "Summary", "run_in_order", "run_jobs", "run_tasks"]
-
 ENGINES = ("processes", "ray")
 RAY_RETRIES = 3
 """Times that Ray does the task of a lost worker again."""

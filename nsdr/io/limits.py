@@ -11,8 +11,6 @@ from functools import lru_cache
 
 from nsdr.errors import DataError
 
-__all__ = ["VARIABLE", "Limits", "check_limit", "limits"]
-
 VARIABLE = "NSDR_LIMITS"
 """Environment variable with changed limits."""
 

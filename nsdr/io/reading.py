@@ -24,17 +24,6 @@ from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
 from nsdr.validation import explained
 
-__all__ = [
-    "parse_json",
-    "parse_json_lines",
-    "read_bytes",
-    "read_json",
-    "read_json_bytes",
-    "read_npz",
-    "read_text",
-    "read_yaml",
-]
-
 GZIP_MAGIC = b"\x1f\x8b"
 """First bytes of every gzip file."""
 MAX_YAML_DEPTH = 50

@@ -7,8 +7,6 @@ from typing import Any, Generic, TypeVar, cast
 
 from nsdr.errors import DataError
 
-__all__ = ["Registry"]
-
 T = TypeVar("T")
 
 

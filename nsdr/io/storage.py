@@ -18,8 +18,6 @@ from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.validation import Checked, Count, check_fields, convert, expect, shown
 
-__all__ = ["load", "save"]
-
 T = TypeVar("T")
 _KINDS: dict[str, type] = {name: getattr(types, name) for name in types.__all__}
 LIMITS = {

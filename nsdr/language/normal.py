@@ -16,18 +16,6 @@ from nsdr.language.slots import CATEGORY, Slot, in_order
 from nsdr.language.texts import english
 from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, NOUNS
 
-__all__ = [
-    "AMBIGUOUS",
-    "FUNCTION_WORDS",
-    "MEANINGS",
-    "OTHER_WORDS",
-    "Normal",
-    "corrected",
-    "normal_form",
-    "replacements",
-    "rewritten",
-]
-
 MIN_CORRECTED_LETTERS = 4
 """Shorter words are not corrected, and only to words that are longer or among the lexicon's SHORT ones."""
 LONG_LETTERS = 7

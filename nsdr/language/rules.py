@@ -22,14 +22,6 @@ from nsdr.language.slots import SLOT_FORMS, Slot, filled, text_of, with_filters
 from nsdr.language.writing import Writer
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = [
-    "Chooser",
-    "Pair",
-    "Phrases",
-    "Rules",
-    "load_rules",
-]
-
 Pair = tuple[str, list[str]]
 """A text or a part of one, and its postfix tokens."""
 

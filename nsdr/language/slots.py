@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["CATEGORY", "SLOT_FORMS", "Slot", "filled", "in_order", "text_of", "with_filters"]
-
 SLOT_FORMS = {"N": ("N", "O"), "NS": ("NS", "OS"), "OBJ": ("O",), "OBJS": ("OS",), "A": ("A",)}
 """Symbols of noun phrases, and the words of a pattern that stand for them; the last one has no attribute words."""
 CATEGORY = {word: name for name, words in ATTRIBUTES.items() for word in words}

@@ -13,20 +13,6 @@ from nsdr.language.slots import CATEGORY, Slot, in_order, text_of
 from nsdr.symbolic.program import CHOICE_KINDS, Program, ProgramSource
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS
 
-__all__ = [
-    "START_SYMBOLS",
-    "TEXT_KINDS",
-    "clevrer",
-    "draw_wording",
-    "english",
-    "in_words",
-    "kind_of",
-    "random_words",
-    "read_paraphrases",
-    "sample",
-    "vocabulary",
-]
-
 START_SYMBOLS = {"descriptive": "DESCRIPTIVE", "multiple_choice": "MULTIPLE", "choice": "CHOICE"}
 """The symbol of each kind of text, in all sets of rules."""
 TEXT_KINDS = tuple(START_SYMBOLS)

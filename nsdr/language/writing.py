@@ -3,8 +3,6 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-__all__ = ["Writer"]
-
 Words = tuple[str | tuple[str, int], ...]
 """Words of a text, with (symbol, i) for slot i."""
 

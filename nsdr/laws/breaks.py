@@ -21,18 +21,6 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = [
-    "FIRST_NOISE_WORLD",
-    "HIDDEN_NOISE_WORLD",
-    "JUMP_FRAMES",
-    "MIN_EVIDENCE",
-    "SURE_FRAMES",
-    "VELOCITY_NOISE",
-    "Break",
-    "ObjectStretches",
-    "noise_of",
-]
-
 MIN_NOISE_WORLD, FIRST_NOISE_WORLD = 0.004, 0.005
 """Least standard deviation of positions, which is measured in each video; with the second one, stretches are first cut to do so
 (world units)."""

@@ -11,8 +11,6 @@ from nsdr.laws.motion import Evidence, Explanation, strongest
 from nsdr.laws.presence import other_words, presence, renamed
 from nsdr.types import VideoProposals, VideoTracks
 
-__all__ = ["evidence_of"]
-
 
 def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) -> list[Evidence]:
     """What speaks against each law in a video, the strongest evidence first; nothing where no object is seen.

@@ -14,8 +14,6 @@ from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.physics_constants import FPS
 
-__all__ = ["judge", "judgement_of", "on_time"]
-
 EVEN_NATS = {
     "permanence": 6.0,
     "identity": 6.0,

@@ -28,8 +28,6 @@ from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
 from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
 
-__all__ = ["SAME_FRAMES", "Evidence", "Explanation", "strongest"]
-
 REACH_NOISE_WORLD = 0.01
 """Standard deviation of the distance at which two objects touch (world units)."""
 SAME_FRAMES = 3

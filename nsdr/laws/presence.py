@@ -16,8 +16,6 @@ from nsdr.types import VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, on_ground
 from nsdr.world.vocabulary import attributes_of, differing_words
 
-__all__ = ["other_words", "presence", "renamed"]
-
 SEEN_MARGIN_PX, COVERED_SHARE = 8.0, 0.3
 """An object should be seen when its outline is so far inside the image, and nearer objects cover less than this of its box."""
 MAX_UNKNOWN_WORLD = 0.15

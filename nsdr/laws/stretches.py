@@ -17,8 +17,6 @@ from nsdr.validation import FloatArray
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["CUT_GAIN", "MIN_FRAMES", "Ground", "Positions", "Stretch", "costs"]
-
 DEGREES_OF_FREEDOM = 4.0
 """Of the distribution of positions."""
 CUT_GAIN = 20.0

@@ -19,8 +19,6 @@ from nsdr.question_parser.grammar import GrammarParser, NoReadingError
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program
 
-__all__ = ["AutoParser", "says_the_same"]
-
 ANY_OBJECT = Slot("O", ())
 """The noun phrase "object", which programs in words have where a text says "what"."""
 

@@ -9,8 +9,6 @@ from nsdr.symbolic import Program
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Scene
 
-__all__ = ["Parser", "read_programs"]
-
 
 class Parser(ABC):
     """Turns texts into programs."""

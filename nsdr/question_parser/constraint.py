@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from nsdr.question_parser.tokenizer import END, OTHER, PROGRAM_TOKENS
 from nsdr.symbolic.modules import ARITY, DISPATCH, WORDS, Kind
 
-__all__ = ["Stack", "allowed", "first_stack", "following"]
-
 Stack = tuple[Kind, ...] | None
 """Kinds of the values that the first tokens of a program leave on the stack; None after `OTHER`."""
 _ANSWERS = {Kind.NUMBER, Kind.BOOLEAN, Kind.COLOR, Kind.MATERIAL, Kind.SHAPE}

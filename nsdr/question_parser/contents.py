@@ -13,8 +13,6 @@ from nsdr.language.rules import Rules, load_rules
 from nsdr.language.slots import Slot
 from nsdr.question_parser.tokenizer import split_words
 
-__all__ = ["content_readings"]
-
 SYMBOLS = {"descriptive": "CONTENTS", "multiple_choice": "WHICH"}
 """The symbol of each kind of text; a choice has too few words to tell what it says without their order."""
 TIMES = {"when": "TIME", "before": "WHEN", "after": "WHEN"}

@@ -15,8 +15,6 @@ from nsdr.symbolic.modules import MODULES, WORDS
 from nsdr.symbolic.program import Program
 from nsdr.symbolic.reference import reference_page
 
-__all__ = ["NO_PROGRAM", "LanguageModelParser", "examples"]
-
 TIMEOUT_S = 120.0
 """Default of the longest time without anything from the server (s)."""
 NO_PROGRAM = "NONE"

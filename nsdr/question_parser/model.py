@@ -13,8 +13,6 @@ from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.tokenizer import END, PAD, START
 from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
-__all__ = ["ParserNetwork", "QuestionParserConfig"]
-
 MAX_LAYERS = 100
 """Largest `QuestionParserConfig.layers`."""
 

@@ -19,8 +19,6 @@ from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer, split_words
 from nsdr.symbolic.program import Program
 
-__all__ = ["QuestionParser", "build_networks", "pad"]
-
 MIN_PROBABILITY = 0.5
 """Programs with a smaller probability are refused (0-1): such a program is more probable than all others together."""
 MAX_BATCH_TEXTS = 512

@@ -14,8 +14,6 @@ from nsdr.symbolic import Executor
 from nsdr.types import Scene
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["nearest_questions", "suggestion"]
-
 SYMBOLS = {
     "descriptive": ("EVENTS", "MOTION", "QUERY"),
     "multiple_choice": ("EXPLANATORY", "PREDICTIVE", "COUNTERFACTUAL"),
@@ -28,6 +26,8 @@ FUNCTION_WEIGHT = 0.2
 """Weight of function words beside that of others (1) in the similarity of two texts."""
 ORDER_WEIGHT = 0.3
 """Weight of the similar order of words beside that of the words themselves (1)."""
+SUGGESTED = 3
+"""Number of texts that are suggested."""
 COMPARED = 60
 """Number of texts with the most similar words whose order is compared, too."""
 
@@ -51,14 +51,13 @@ def suggestion(text: str, scene: Scene | None, kind: str) -> str:
     return f"; the nearest {'options' if kind == 'choice' else 'questions'}: {' | '.join(near)}" if near else ""
 
 
-def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive", n: int = 3) -> list[str]:
+def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive") -> list[str]:
     """Well-formed texts that are most similar to a text.
 
     Args:
         text: a text that was refused.
         scene: the texts name its objects and can be executed on it; None for objects that the text names, if any.
         kind: "descriptive", "multiple_choice" or "choice".
-        n: number of texts.
 
     Returns:
         The most similar first, always the same for the same arguments.
@@ -83,7 +82,7 @@ def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive",
     for candidate, program in [*nearest, *pairs[COMPARED:]]:
         if candidate not in found and (scene is None or _fits(program, scene)):
             found.append(candidate)
-        if len(found) == n:
+        if len(found) == SUGGESTED:
             break
     return found
 

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Sequence
 from nsdr.errors import QuestionError
 from nsdr.symbolic.modules import MODULES, WORDS
 
-__all__ = ["OTHER", "PAD", "PROGRAM_TOKENS", "Tokenizer", "split_words"]
-
 PAD, START, END = 0, 1, 2
 """Indices of the special tokens; 0 is also the padding of words."""
 OTHER = "<other>"
@@ -15,6 +13,7 @@ OTHER = "<other>"
 
 PROGRAM_TOKENS = ("<pad>", "<start>", "<end>", OTHER, *(name for name, m in MODULES.items() if m.in_data_set), *WORDS)
 """The decoder's vocabulary: special tokens, then the modules and words of the signature table."""
+TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 
 _WORD = re.compile(r"'s\b|[^\W_]+")
 

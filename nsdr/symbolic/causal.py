@@ -4,8 +4,6 @@ from collections.abc import Callable, Sequence
 
 from nsdr.types import Event
 
-__all__ = ["ancestor_sets", "causal_path", "direct_causes"]
-
 
 def direct_causes(events: Sequence[Event]) -> list[list[int]]:
     """Indices of the direct causes of each event: for each of its objects, the latest earlier event of that object.

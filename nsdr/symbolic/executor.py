@@ -19,8 +19,6 @@ from nsdr.symbolic.world import Boundary, World
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.world.vocabulary import SPEED_UNIT
 
-__all__ = ["Executor"]
-
 PREDICTIVE = ("unseen_events", "belong_to")
 """Program of every predictive question."""
 OF_OBJECTS, OF_EVENTS = (Kind.OBJECTS, Kind.OBJECT), (Kind.EVENTS, Kind.EVENT)

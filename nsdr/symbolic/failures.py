@@ -9,8 +9,6 @@ from nsdr.symbolic.phrases import indefinite, noun_phrase
 from nsdr.symbolic.program import Step
 from nsdr.symbolic.world import World
 
-__all__ = ["failure"]
-
 NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 MAX_LISTED = 8
 """Largest number of objects or events that a message lists."""

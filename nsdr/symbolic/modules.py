@@ -16,8 +16,6 @@ from nsdr.symbolic.world import Causes, ChangedEvents, Events, Objects, World
 from nsdr.types import Event
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["ALL_WORDS", "ARITY", "DISPATCH", "EXTENSIONS", "MODULES", "WORDS", "Kind", "Module"]
-
 
 class Kind(StrEnum):
     """Types of values in a program."""

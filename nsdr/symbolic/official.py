@@ -21,8 +21,6 @@ from nsdr.symbolic.program import ProgramSource, program_tokens
 from nsdr.types import Answer, ChoiceAnswer, TraceStep
 from nsdr.world.physics_constants import VIDEO_FRAMES
 
-__all__ = ["OfficialExecutor"]
-
 ERROR = "error"
 """The answer of a program that fails."""
 Events = tuple[OfficialEvent, ...]

@@ -22,8 +22,6 @@ from nsdr.symbolic.causal import ancestor_sets
 from nsdr.types import Event, SceneObject
 from nsdr.world.physics_constants import VIDEO_FRAMES
 
-__all__ = ["OfficialEvent", "OfficialWorld"]
-
 UNKNOWN_OBJECT = -1
 """Id of every object whose attribute triple is not listed."""
 END_FRAME = 125

@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from nsdr.symbolic.program import Step
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = ["attribute_words", "indefinite", "noun_phrase"]
-
 EVENT_NOUNS = {"filter_in": "entrance", "filter_out": "exit", "filter_collision": "collision"}
 """Noun of each filter of events."""
 EVENT_VERBS = {"filter_in": "enters", "filter_out": "exits"}

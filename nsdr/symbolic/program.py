@@ -9,8 +9,6 @@ from nsdr.errors import ProgramError
 from nsdr.io.limits import limits
 from nsdr.symbolic.modules import ALL_WORDS, ARITY, DISPATCH, MODULES, Kind, Module
 
-__all__ = ["CHOICE_KINDS", "SAID_KINDS", "Program", "ProgramSource", "Step", "program_tokens"]
-
 START_TOKENS = ("<START>", "<start>")
 """Tokens before a program in the released files of parsed programs; skipped."""
 STOP_TOKENS = ("<END>", "<NULL>", "<end>", "<null>")

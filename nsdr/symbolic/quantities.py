@@ -16,8 +16,6 @@ from nsdr.types.interventions import Intervention, intervention_text
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, SAME_EVENT_FRAMES
 from nsdr.world.vocabulary import DIRECTIONS
 
-__all__ = ["CHANGES", "Quantities", "Simulate"]
-
 Simulate = Callable[[Intervention, int], Sequence[Event]]
 """Collisions of a video, and after it, with an intervention at a frame. Raises `DataError` where it is impossible."""
 Extreme = Callable[..., int]

@@ -4,8 +4,6 @@ from collections.abc import Mapping
 
 from nsdr.symbolic.modules import EXTENSION_WORDS, MODULES, WORDS, Kind, Module
 
-__all__ = ["extension_page", "reference_page"]
-
 HEAD = "| token | arguments | result | meaning |\n|---|---|---|---|\n"
 
 

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 
 from nsdr.types import Answer, ChoiceAnswer, TraceStep
 
-__all__ = ["format_probability", "format_trace", "format_tree", "percent"]
-
 
 def format_trace(trace: Sequence[TraceStep]) -> str:
     """The trace as text, one step per line: number, module with the numbers of its inputs, and the result."""

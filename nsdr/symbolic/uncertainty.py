@@ -12,8 +12,6 @@ from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events
 from nsdr.types import Event, Scene, UncertainCollision
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 
-__all__ = ["MIN_SUPPOSED", "N_DRAWS", "SIMULATED_DOUBT", "possible_scenes"]
-
 N_DRAWS = 512
 """Draws of possible scenes. Probabilities that depend on several uncertain things are off by 0.006 on average."""
 SEED = 0

@@ -15,8 +15,6 @@ from nsdr.symbolic.causal import ancestor_sets
 from nsdr.symbolic.quantities import Quantities, Simulate
 from nsdr.types import Event, Scene, SceneObject
 
-__all__ = ["Boundary", "Causes", "ChangedEvents", "Objects", "World", "event_sentence"]
-
 Objects = tuple[int, ...]
 Events = tuple[Event, ...]
 VERBS = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}

@@ -14,14 +14,11 @@ from numpy.typing import NDArray
 
 from nsdr.tracking.visibility import cut_sides
 from nsdr.types import VideoTracks
+from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import SHAPES
-
-__all__ = ["expected_size", "ground_location", "outline", "size_ratio", "size_warning"]
-
-FloatArray = NDArray[np.floating[Any]]
 
 GRID_COLUMNS, GRID_ROWS = 15, 12
 """Number of columns and rows of the grid of object centres that the offsets are fitted on."""

@@ -19,15 +19,6 @@ from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES, SHAPES, attributes_of
 
-__all__ = [
-    "TrackerConfig",
-    "detected_attributes",
-    "existence",
-    "rows_of",
-    "track",
-    "tracks_from_annotation",
-]
-
 GATE_WORLD, GATE_WORLD_PER_FRAME = 0.25, 0.1
 """Largest distance between a proposal and a tracklet's predicted position, and its growth with each frame since the
 tracklet's last proposal (world units, world units per frame). Objects move by up to 0.1 per frame."""

@@ -5,14 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
-
-__all__ = ["cut_sides", "hidden_sides", "in_image"]
-
-FloatArray = NDArray[np.floating[Any]]
-BoolArray = NDArray[np.bool_]
 
 CUT_MARGIN_PX = 2.0
 """A box side closer than this to the image border may be cut by it (pixels). Like `TOUCH_PX`, chosen by the accuracy of

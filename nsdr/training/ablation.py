@@ -15,8 +15,6 @@ from nsdr.question_parser.base import Parser
 from nsdr.question_parser.network import QuestionParser
 from nsdr.symbolic import Executor, Program
 
-__all__ = ["ALL", "parse_sizes", "run_ablation"]
-
 ALL = 0
 """The size that stands for all programs, as in `QuestionParserTraining.samples`."""
 COLUMNS = ("programs", "question_type", "questions", "program_accuracy", "answer_accuracy")

@@ -13,8 +13,6 @@ from nsdr.errors import DataError
 from nsdr.io.checkpoint import PARTS, load_checkpoint, save_checkpoint
 from nsdr.io.files import check_output_folder
 
-__all__ = ["average_checkpoints", "main"]
-
 OWN = ("metrics", "training")
 """What each run has of its own in its JSON; everything else must be equal."""
 DIGITS = 16

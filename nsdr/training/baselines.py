@@ -24,8 +24,6 @@ from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import Count, PathName, PositiveCount, Settings, expect
 
-__all__ = ["BaselineTask", "BaselineTraining", "main", "train_baseline"]
-
 
 @dataclass(frozen=True)
 class BaselineTraining(Settings):

@@ -27,8 +27,6 @@ from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import Count, NotNegative, PathName, PositiveCount, Settings, Share
 
-__all__ = ["HELD_OUT_EVERY", "CollisionTask", "CollisionTraining", "main"]
-
 HELD_OUT_EVERY = 5
 """Scenes whose index is divisible by this number are kept out of training: for evaluation, and to weigh the network's evidence
 against that of the fit (`benchmarks/collisions.py`)."""

@@ -20,8 +20,6 @@ from nsdr.training.patch_dynamics import ImageModelTask, PatchModelTask
 from nsdr.training.run_folder import parse_training
 from nsdr.training.track_task import FIRST_PRESENT_FRAME, LAST_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
 
-__all__ = ["StateModelTask", "main"]
-
 FORWARD_FRAMES_BEFORE_COLLISION = 14
 """Near a collision, the forward network's present is at most this many frames before it, and never after."""
 OBSERVER_FRAMES_AROUND_COLLISION = 7

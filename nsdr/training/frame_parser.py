@@ -20,8 +20,6 @@ from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import PathName, PositiveCount, Settings
 
-__all__ = ["FrameParserTask", "FrameParserTraining", "load_coco_weights", "main"]
-
 MAX_EXAMPLE_SEED = 2**62
 """Upper bound of the seed of an example's augmentation."""
 COCO_NETWORK = ("resnet50", 256)

@@ -33,8 +33,6 @@ from nsdr.io.files import locked
 from nsdr.training.run_folder import RunFolder, TrainingState, described, resolved
 from nsdr.validation import Count, NotNegative, Positive, PositiveCount, Settings, one_of
 
-__all__ = ["LoopConfig", "LossTerm", "Task", "held_out", "learning_rate_at", "train", "train_part"]
-
 log = logging.getLogger(__name__)
 
 SGD_MOMENTUM = 0.9

@@ -19,8 +19,6 @@ from nsdr.training.loop import LossTerm
 from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
 from nsdr.types import Event
 
-__all__ = ["ImageModelTask", "PatchModelTask"]
-
 NOISE_PX_PER_WORLD = 50.0
 """Noise of boxes for a noise of one world unit in `DynamicsTraining.noise_world` (px per world unit)."""
 STEPS_AROUND_COLLISION = 2

@@ -26,13 +26,11 @@ from nsdr.language.texts import (
 )
 from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.network import QuestionParser, build_networks, pad
-from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, Tokenizer
+from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, TOKEN_INDEX, Tokenizer
 from nsdr.training.ablation import run_ablation
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import Count, PathName, PositiveCount, Settings, Share
-
-__all__ = ["QuestionParserTask", "QuestionParserTraining", "main"]
 
 SAMPLES_OF_KIND = {"descriptive": 1, "multiple_choice": 1, "choice": 4}
 """Programs of each kind for one of `QuestionParserTraining.samples`: the paper's n, n and 4n."""
@@ -40,7 +38,6 @@ MAX_EXAMPLE_SEED = 2**62
 """Upper bound of an example's seed."""
 ANOTHER_KIND_SHARE = 0.5
 """Share of the texts of another kind among those that are no texts of a kind (0-1)."""
-_TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 
 
 @dataclass(frozen=True)
@@ -163,7 +160,7 @@ class QuestionParserTask(Task):
         for kind in TEXT_KINDS:
             pairs = [self._draw_pair(kind, draw) for draw in draws]
             words = pad([self.tokenizer.encode(text) for text, _ in pairs])
-            tokens = pad([[START, *(_TOKEN_INDEX[t] for t in program), END] for _, program in pairs])
+            tokens = pad([[START, *(TOKEN_INDEX[t] for t in program), END] for _, program in pairs])
             batch[kind] = (words, tokens)
         return batch
 

@@ -16,11 +16,9 @@ from torch.optim.swa_utils import AveragedModel
 
 from nsdr.errors import DataError
 from nsdr.io.configuration import parse_config
-from nsdr.io.files import atomic_path, check_output_folder, remove_partial_files, sync, write_json, writing
+from nsdr.io.files import check_output_folder, remove_partial_files, sync, write_file, write_json, writing
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.reading import read_json
-
-__all__ = ["RunFolder", "TrainingState", "described", "parse_training", "resolved"]
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
@@ -147,8 +145,7 @@ class RunFolder:
         content = safetensors.save(state.tensors())
         details = {"step": step, "record": record, "sha256": hashlib.sha256(content).hexdigest()}
         path = self.path / f"step_{step:07d}.json"
-        with atomic_path(path.with_suffix(".safetensors")) as temporary:
-            temporary.write_bytes(content)
+        write_file(path.with_suffix(".safetensors"), content)
         write_json(path, details)
         self._delete_all_but([p for p in _checkpoints(self.path) if p <= path])
 
@@ -187,8 +184,7 @@ class RunFolder:
             self._delete_all_but(checkpoints)
             if self._metrics.exists():
                 lines = [json.dumps(line) + "\n" for line in self._lines() if line["step"] <= step]
-                with atomic_path(self._metrics) as temporary:
-                    temporary.write_text("".join(lines))
+                write_file(self._metrics, "".join(lines))
             self._cpu_before += self._cpu_seconds()
             self._start_events(step)
         return step, record

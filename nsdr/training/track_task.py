@@ -25,8 +25,6 @@ from nsdr.types import Event
 from nsdr.validation import Count, NotNegative, PositiveCount, Settings, expect
 from nsdr.world.physics_constants import VIDEO_FRAMES
 
-__all__ = ["FIRST_PRESENT_FRAME", "LAST_FRAME", "DynamicsTraining", "TrackTask", "joined", "pair_loss"]
-
 HELD_OUT_EVERY = 40
 """Scenes whose index is divisible by this number are kept out of training, for evaluation: the index alone decides, so that no
 training sees what another one, with other scenes or another `limit`, holds out."""

@@ -5,8 +5,6 @@ from typing import Any
 
 from nsdr.types.scenes import Event
 
-__all__ = ["Answer", "ChoiceAnswer", "TraceStep"]
-
 
 @dataclass(frozen=True)
 class TraceStep:

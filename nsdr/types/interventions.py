@@ -14,8 +14,6 @@ from nsdr.types.tracks import SceneObject
 from nsdr.validation import Checked, Finite, expect
 from nsdr.world.physics_constants import GROUND_HALF_WIDTH_WORLD, OBJECT_RADIUS_WORLD
 
-__all__ = ["Add", "Freeze", "Intervention", "Move", "Remove", "SetMass", "SetVelocity", "intervention_text"]
-
 MAX_SPEED_WORLD_PER_S = 5.0
 """Fastest speed that can be set (world units/s): CLEVRER's objects start with up to 3, and at 5 one crosses a tenth of another
 one within two steps of the simulation."""

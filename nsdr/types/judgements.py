@@ -6,8 +6,6 @@ from typing import Annotated
 from nsdr.types.tracks import SceneObject
 from nsdr.validation import Checked, Count, PositiveCount, Share, expect, one_of
 
-__all__ = ["LAWS", "Judgement", "Violation"]
-
 LAWS = {
     "permanence": "An object is there until it leaves at the border; none appears from nowhere.",
     "identity": "Color, material and shape stay as they are.",

@@ -23,8 +23,6 @@ from nsdr.validation import (
     one_of,
 )
 
-__all__ = ["DynamicsPrediction", "Event", "ObjectPhysics", "Rollout", "Scene", "UncertainCollision"]
-
 PARTICIPANTS = {"in": 1, "out": 1, "collision": 2}
 """Number of objects of each kind of event."""
 NO_FRAME = -1
@@ -204,9 +202,9 @@ class Scene(ArrayHolder):
             expect(fits, "Scene.uncertain", f"removed objects from 0 to {n - 1}", one.removed)
         if self.dynamics is not None:
             _check_dynamics(self, self.dynamics)
-        object.__setattr__(self, "events", _in_order(self.events))
+        object.__setattr__(self, "events", in_order(self.events))
         if self.unseen is not None:
-            object.__setattr__(self, "unseen", _in_order(self.unseen))
+            object.__setattr__(self, "unseen", in_order(self.unseen))
         if self.counterfactual is not None:
             object.__setattr__(self, "counterfactual", MappingProxyType(dict(counterfactual)))
 
@@ -231,6 +229,6 @@ def _check_dynamics(scene: Scene, dynamics: DynamicsPrediction) -> None:
         expect(last < n, "Scene.dynamics", f"positions until frame {last}", f"{n} frames")
 
 
-def _in_order(events: Sequence[Event]) -> tuple[Event, ...]:
+def in_order(events: Sequence[Event]) -> tuple[Event, ...]:
     """Events sorted by frame; at the same frame, entrances and exits come before collisions."""
     return tuple(sorted(events, key=lambda e: (e.frame, e.kind == "collision")))

@@ -11,8 +11,6 @@ from nsdr.types.tracks import SceneObject, check_objects
 from nsdr.validation import Array, Checked, Count, FloatArray, PositiveCount, Share, expect
 from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
-__all__ = ["EventChange", "Simulation"]
-
 
 @dataclass(frozen=True)
 class EventChange(Checked):

@@ -11,8 +11,6 @@ from nsdr.validation import Array, Checked, Count, FloatArray, IntArray, Positiv
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import COLORS, MATERIALS, N_ATTRIBUTE_TRIPLES, SHAPES
 
-__all__ = ["Camera", "SceneObject", "Track", "VideoProposals", "VideoTracks"]
-
 
 @dataclass(frozen=True)
 class SceneObject(Checked):

@@ -10,19 +10,12 @@ from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path
+from nsdr.io.files import write_file
 from nsdr.io.video import write_video
 from nsdr.tracking.tracker import rows_of
 from nsdr.types import Event, Scene, VideoProposals, VideoTracks
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import COLORS_RGB, attributes_of
-
-__all__ = [
-    "annotated_image",
-    "stroboscopic_image",
-    "write_annotated_video",
-    "write_image",
-]
 
 IMAGE_SUFFIXES = (".png", ".jpg")
 """Endings of image files."""
@@ -138,8 +131,7 @@ def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     done, encoded = cv2.imencode(suffix, image[..., ::-1])
     if not done:
         raise DataError(f"{path}: the image of shape {image.shape} cannot be encoded as {suffix}")
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())
+    write_file(path, encoded.tobytes())
 
 
 def _annotation_color(color: str) -> Color:

@@ -7,8 +7,6 @@ from nsdr.symbolic.world import VERBS
 from nsdr.types import Event, EventChange, SceneObject, Simulation, Violation
 from nsdr.types.interventions import intervention_text
 
-__all__ = ["change_text", "event_text", "interventions_text", "violation_text"]
-
 
 def event_text(event: Event, objects: Sequence[SceneObject]) -> str:
     """For example "the red metal cube and the blue rubber sphere collide"."""

@@ -13,8 +13,6 @@ from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import COLORS_RGB
 
-__all__ = ["causal_figure", "figure_png", "plan_figure"]
-
 DPI = 150
 """Resolution of PNG files (dots per inch)."""
 MARKERS = {"cube": "s", "sphere": "o", "cylinder": "h"}

@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.claims.narration import reasons
-from nsdr.io.files import atomic_path
+from nsdr.io.files import write_file
 from nsdr.pipeline import Perception
 from nsdr.symbolic import format_probability, format_tree
 from nsdr.types import Answer, ChoiceAnswer, Scene, TraceStep, VideoTracks
-
-__all__ = ["answer_html", "data_uri", "figure_html", "jpeg", "summary_html", "thumbnail", "write_page"]
 
 OBSERVED_FRAMES_PER_STEP = 3
 """Maximum number of frames shown beside a step of the trace."""
@@ -168,5 +166,4 @@ def write_page(path: str | Path, title: str, body: str, style: str) -> None:
     """
     head = f"<meta charset=utf-8><meta name=viewport content='width=device-width'><title>NS-DR: {html.escape(title)}</title>"
     page = f"<!doctype html><html lang=en>{head}<style>{STYLE}{style}</style>{body}</html>"
-    with atomic_path(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_file(path, page)

@@ -1,20 +1,17 @@
 """The ground seen from above, frame by frame, drawn fast enough for videos; `figures.plan_figure` draws a still one."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.types import Rollout, SceneObject
+from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.vocabulary import COLORS_RGB
 
-__all__ = ["draw_plan"]
-
-FloatArray = NDArray[np.floating[Any]]
 PX_PER_WORLD = 64.0
 """Scale of the plan (pixels per world unit): it is 7.5 units wide."""
 TOP_X_WORLD = -2.8

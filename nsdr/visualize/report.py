@@ -18,8 +18,6 @@ from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
 from nsdr.visualize.html_parts import answer_html, figure_html, jpeg, summary_html, write_page
 from nsdr.visualize.timeline import TIMELINE_STYLE, event_picture, timeline_html
 
-__all__ = ["write_report"]
-
 
 def write_report(
     path: str | Path, frames: NDArray[np.uint8] | None, perception: Perception, answers: Sequence[Answer]

@@ -15,8 +15,6 @@ from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.physics_constants import FPS, horizon_frame
 from nsdr.world.vocabulary import COLORS_RGB
 
-__all__ = ["LANE_HEIGHT", "TIMELINE_STYLE", "event_picture", "frame_x", "lanes_html", "seek_script", "timeline_html"]
-
 LABEL_WIDTH, LANE_WIDTH, LANE_HEIGHT, AXIS_HEIGHT = 170, 550, 24, 24
 """Sizes of the drawing (units of its view box)."""
 TICK_FRAMES = 25

@@ -20,8 +20,6 @@ from nsdr.visualize.event_words import violation_text
 from nsdr.visualize.html_parts import thumbnail, write_page
 from nsdr.visualize.timeline import LANE_HEIGHT, TIMELINE_STYLE, frame_x, lanes_html, seek_script
 
-__all__ = ["VIOLATIONS_STYLE", "JudgedVideo", "judged_video", "judgement_html", "judgement_of_row", "write_judgements"]
-
 AROUND_FRAMES = 8
 """Frames from a violation to the pictures before and after it."""
 PICTURE_WIDTH_PX = 360

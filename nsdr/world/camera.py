@@ -14,18 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
-__all__ = [
-    "CLEVRER_CAMERA",
-    "HEIGHT_PX",
-    "SENSOR_MM",
-    "WIDTH_PX",
-    "Camera",
-    "check_release_size",
-    "grid_from_pixels",
-    "on_ground",
-    "pixels_from_grid",
-]
-
 WIDTH_PX, HEIGHT_PX = 480, 320
 """Size of the released videos (pixels)."""
 SENSOR_MM = 32.0

@@ -18,6 +18,8 @@ ANGULAR_DAMPING = 0.04
 """Bullet's default for multibodies: like `LINEAR_DAMPING`, for the angular speed."""
 GROUND_FRICTION = {"cube": 0.03, "cylinder": 0.03, "sphere": 0.0}
 """Friction coefficient of each shape on the ground; spheres slide and never spin."""
+SLIDING_DECELERATION = GROUND_FRICTION["cube"] * GRAVITY
+"""Of cubes and cylinders that slide, beside damping (world units/s²)."""
 SPINNING_FRICTION = 0.01
 """Torsional friction coefficient on the ground."""
 OBJECT_RESTITUTION = 0.8

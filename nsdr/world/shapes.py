@@ -15,15 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
-__all__ = [
-    "CUBE_EDGE_WORLD",
-    "CUBE_EXPONENT",
-    "CUBE_STEPS",
-    "hull_vertices",
-    "rendered_rotation",
-    "surface_points",
-]
-
 FloatArray = NDArray[np.floating[Any]]
 
 CUBE_EDGE_WORLD = 0.05

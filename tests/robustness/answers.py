@@ -8,8 +8,6 @@ from tests.robustness.case import Case, dumped, raw, text_writer
 from tests.robustness.files import DAMAGES
 from tests.robustness.good import QUESTIONS_OF, json_line_answers
 
-__all__ = ["answer_controls", "answer_file_cases"]
-
 ROWS: dict[str, Any] = {
     "list": [1], "number": 5, "text": "x", "null": None, "empty": {},
     "no response": {"id": "10000-1"}, "list as response": {"id": "10000-1", "response": ["1"]},

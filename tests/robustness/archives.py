@@ -14,8 +14,6 @@ from tests.robustness.case import Case, text_writer
 from tests.robustness.files import Damage, flipped, from_good
 from tests.robustness.good import COMMANDS, compact_arrays
 
-__all__ = ["archive_cases"]
-
 
 def _npz_bytes(arrays: dict[str, Any]) -> bytes:
     """An NPZ file with these arrays; bytes are written as a member's raw content."""

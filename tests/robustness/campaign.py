@@ -15,8 +15,6 @@ from tests.robustness.cases import all_cases
 from tests.robustness.good import write_good
 from tests.robustness.worker import Result, Worker
 
-__all__ = ["KINDS", "found_wrong", "run_case"]
-
 KINDS = {
     "crash": "a traceback, a signal, or Python's own exception as message",
     "silent": "accepted: status 0 and no complaint",

@@ -9,21 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = [
-    "Case",
-    "Change",
-    "Field",
-    "Write",
-    "dumped",
-    "field_cases",
-    "raw",
-    "removed",
-    "repeated",
-    "replaced",
-    "text_writer",
-]
-
-
 Write = Callable[[Path, Path], object]
 """Writes into the case's folder, given that and the folder of good inputs."""
 Change = Callable[[Any], object]

@@ -15,8 +15,6 @@ from tests.robustness.library import library_cases
 from tests.robustness.options import option_cases
 from tests.robustness.texts import text_cases
 
-__all__ = ["all_cases", "sample_cases"]
-
 
 def all_cases() -> list[Case]:
     """Every case; names are unique."""

@@ -11,8 +11,6 @@ from safetensors.torch import load_file, save_file
 from tests.robustness.case import WRONG, Case, Write, dumped
 from tests.robustness.files import DAMAGES, Damage
 
-__all__ = ["checkpoint_cases"]
-
 SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints" / "default"
 PARTS = ("question_parser", "frame_parser", "dynamics", "collisions")
 VIDEO = ("parse-video", "{good}/gray.mp4", "--set", "video.check=off", "--checkpoint", "weights", "-o", "scene.json")

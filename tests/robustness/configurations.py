@@ -17,8 +17,6 @@ from tests.robustness.case import Case, Write, text_writer
 from tests.robustness.files import gzip_bomb
 from tests.robustness.good import PREDICT, ROW
 
-__all__ = ["configuration_cases"]
-
 TRAINED = {"run_dir": "run", "loop": {"steps": 1, "device": "cpu"}}
 CONFIGURATIONS: dict[str, tuple[Any, tuple[str, ...], dict[str, Any]]] = {
     "pipeline": (PipelineConfig, (*PREDICT, "--config", "config.yaml"), {}),

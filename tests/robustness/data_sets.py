@@ -12,8 +12,6 @@ from tests.robustness.case import Case, Write, dumped, removed, repeated, replac
 from tests.robustness.files import DAMAGES
 from tests.robustness.good import CONTROLS, EXPORT, data_set_manifest, questions
 
-__all__ = ["changed", "data_set", "data_set_cases", "data_set_controls"]
-
 SUITES = Path(__file__).resolve().parents[2] / "configs" / "generate" / "suites"
 QUESTIONS, TRUTH = "questions/validation.json", "truth/validation/truth_10000.json"
 VIDEO = "videos/validation/video_10000.mp4"

@@ -19,8 +19,6 @@ from tests.robustness.case import (
 )
 from tests.robustness.good import COMMANDS, DOCUMENTS
 
-__all__ = ["control_cases", "document_cases", "document_writer", "put_beside"]
-
 
 def _fields(*rows: str) -> list[Field]:
     """From lines such as "objects.0.color: word"; a ? after the kind marks an optional field."""

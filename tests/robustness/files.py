@@ -15,8 +15,6 @@ from tests.robustness.case import Case, Write, text_writer
 from tests.robustness.documents import document_writer, put_beside
 from tests.robustness.good import COMMANDS, DOCUMENTS, gray_video
 
-__all__ = ["DAMAGES", "Damage", "file_cases", "flipped", "from_good", "gzip_bomb"]
-
 BOMB_BYTES = 4_300_000_000
 """What a gzip bomb becomes."""
 Damage = Callable[[bytes], bytes]

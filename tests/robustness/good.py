@@ -12,34 +12,6 @@ from pycocotools import mask as rle
 
 from nsdr.clevrer.example import TRUTH, VIDEO
 
-__all__ = [
-    "ANSWER",
-    "COMMANDS",
-    "CONTROLS",
-    "COUNT",
-    "DOCUMENTS",
-    "EVALUATE",
-    "EVALUATE_TRUTH",
-    "EXPORT",
-    "GENERATE",
-    "MCP",
-    "MOTION",
-    "PARSE",
-    "PARSE_ONE",
-    "PREDICT",
-    "QUESTIONS_OF",
-    "ROW",
-    "SCORE",
-    "SERVE",
-    "SIMULATE",
-    "TAG",
-    "TRAIN",
-    "compact_arrays",
-    "gray_video",
-    "json_line_answers",
-    "write_good",
-]
-
 SCENE, FRAMES, HORIZON = 10000, 128, 179
 NAMES = (("red", "metal", "cube"), ("blue", "rubber", "sphere"), ("green", "rubber", "cylinder"))
 WORDS = [dict(zip(("color", "material", "shape"), name, strict=True)) for name in NAMES]

@@ -17,8 +17,6 @@ from tests.robustness.documents import CHANGES, DOCUMENTS
 from tests.robustness.files import DAMAGES
 from tests.robustness.good import SCENE, data_set_manifest, truth
 
-__all__ = ["CALL", "call", "library_cases", "library_controls"]
-
 CALL = "call"
 """First argument of cases that call a function, in place of a command."""
 TEXT = "<answer>1</answer>"

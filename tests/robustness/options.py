@@ -28,8 +28,6 @@ from tests.robustness.good import (
     TRAIN,
 )
 
-__all__ = ["option_cases"]
-
 OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "answer": (ANSWER, {"--checkpoint": ("nowhere", "a/b", "/dev/null", ""),
                         "--device": ("zebra", "cuda:99", "cuda:x", ""), "--zebra": ("1",), "--set": ("tracker.score",),

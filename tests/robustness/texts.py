@@ -6,8 +6,6 @@ from nsdr.clevrer.example import TRUTH
 from tests.robustness.case import Case
 from tests.robustness.good import ANSWER
 
-__all__ = ["text_cases"]
-
 PROGRAMS = {
     "empty": "", "blanks": "   ", "unknown token": "zebra", "underflow": "count", "leftovers": "objects objects",
     "wrong type": "objects red filter_shape", "wrong type of a module": "objects query_color", "number": "5",

@@ -15,8 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Result", "Worker"]
-
 ROOT = Path(__file__).resolve().parents[2]
 SPARE_BYTES = 6 << 30
 """Address space that a command may take on top of the loaded libraries (bytes)."""

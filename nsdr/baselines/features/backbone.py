@@ -15,17 +15,6 @@ from torchvision import models
 from nsdr.errors import CheckpointError
 from nsdr.frame_parser.parser import Detector
 
-__all__ = [
-    "CHANNELS",
-    "FRAME_PARSER",
-    "PYRAMID_LEVELS",
-    "STRIDE",
-    "FeatureMaps",
-    "FrameParserBackbone",
-    "ResnetBackbone",
-    "image_batch",
-]
-
 FRAME_PARSER = "frame_parser"
 """Stands for the frame parser's own backbone."""
 CHANNELS = {"resnet18": (256, 512), "resnet50": (1024, 2048)}

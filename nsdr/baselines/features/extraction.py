@@ -37,23 +37,13 @@ from nsdr.errors import DataError
 from nsdr.frame_parser.parser import Detector, FrameParser
 from nsdr.io.configuration import config_of
 from nsdr.io.device import limit_threads, resolve_device, resolve_precision
-from nsdr.io.files import atomic_path, find_files, locked, write_json
+from nsdr.io.files import find_files, locked, write_file, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.io.video import read_frames, spaced
 from nsdr.types import VideoProposals
 from nsdr.validation import Count, PathName, Settings, one_of
-
-__all__ = [
-    "FeatureExtraction",
-    "FeatureExtractor",
-    "WordExtraction",
-    "extract_features",
-    "features_of",
-    "find_videos",
-    "frames_of",
-]
 
 REGION_CELLS = 7
 """Cells along each side of a region, of which the mean is taken."""
@@ -180,8 +170,7 @@ def extract_features(extraction: FeatureExtraction | WordExtraction, keep_going:
 
 def _extract(extraction: FeatureExtraction | WordExtraction, item: Any, output: Path) -> None:
     features = _rounded(extraction.features_of(item))
-    with atomic_path(output) as temporary:
-        temporary.write_bytes(safetensors.save(features))
+    write_file(output, safetensors.save(features))
 
 
 def _rounded(features: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float16]]:

@@ -25,19 +25,6 @@ from nsdr.validation import MAX_SIZE, Settings, Size, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES
 
-__all__ = [
-    "KINDS",
-    "MANIFEST",
-    "NAMES",
-    "FeatureCache",
-    "FeatureConfig",
-    "Features",
-    "WordConfig",
-    "as_inputs",
-    "check_settings",
-    "feature_file",
-]
-
 KINDS = ("pooled", "maps", "objects")
 """Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
 MANIFEST = "features.json"

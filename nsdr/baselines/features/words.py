@@ -16,8 +16,6 @@ from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 from nsdr.world.shapes import rendered_rotation, surface_points
 from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES, attribute_index, attributes_of
 
-__all__ = ["detected_features", "linked_boxes", "recolored", "truth_features"]
-
 Array = NDArray[np.floating[Any]]
 MIN_SCORE = 0.9
 """Detections with a score up to this are left out (0-1; the paper's threshold for proposals)."""

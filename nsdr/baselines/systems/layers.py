@@ -19,20 +19,6 @@ from nsdr.baselines.features.files import BOX_NUMBERS
 from nsdr.question_parser.tokenizer import PAD
 from nsdr.validation import MAX_SIZE
 
-__all__ = [
-    "AnswerHead",
-    "EncodedText",
-    "MapEncoder",
-    "ObjectEncoder",
-    "SpaceConv",
-    "TextEncoder",
-    "TimeConv",
-    "Width",
-    "initialise",
-    "masked_softmax",
-    "time_encoding",
-]
-
 LONGEST_PERIOD = 10_000.0
 """Longest wavelength of the encoding of time, over 2 pi (Vaswani et al. 2017)."""
 Width = Annotated[int, Meta(ge=2, le=MAX_SIZE)]

@@ -39,8 +39,6 @@ from nsdr.baselines.systems.layers import (
 )
 from nsdr.validation import Settings, Share, Size
 
-__all__ = ["Mac", "MacConfig", "MacObjects"]
-
 
 @dataclass(frozen=True)
 class MacConfig(Settings):

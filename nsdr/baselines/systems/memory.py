@@ -24,8 +24,6 @@ from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width, initialise, masked_softmax
 from nsdr.validation import Settings, Share, Size
 
-__all__ = ["HeterogeneousMemory", "MemoryConfig"]
-
 
 @dataclass(frozen=True)
 class MemoryConfig(Settings):

@@ -32,8 +32,6 @@ from nsdr.baselines.systems.layers import AnswerHead, MapEncoder, SpaceConv, Tim
 from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, execute, program_graph
 from nsdr.validation import Settings, Size
 
-__all__ = ["Iep", "Modular", "ModularConfig", "TbdConfig", "TbdNet"]
-
 WHOLE_VIDEO = ("objects", "null")
 RELATED = ("get_object", "get_col_partner", "filter_before", "filter_after", "filter_ancestor", "get_counterfact")
 QUERIES = ("query_color", "query_material", "query_shape", "count", "exist", MALFORMED)

@@ -20,8 +20,6 @@ from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.symbolic.modules import MODULES, WORDS
 from nsdr.symbolic.program import ANSWER_KINDS, Program
 
-__all__ = ["INSTRUCTIONS", "MALFORMED", "Node", "ProgramGraph", "execute", "program_graph"]
-
 MALFORMED = "malformed"
 """The instruction without arguments that stands for a program that is cut off, ill-typed, or gives no answer."""
 

@@ -20,8 +20,6 @@ from nsdr.baselines.systems.layers import AnswerHead, TextEncoder, Width
 from nsdr.question_parser.tokenizer import PAD
 from nsdr.validation import Settings, Share, Size
 
-__all__ = ["CnnLstm", "CnnLstmConfig", "CnnMlp", "CnnMlpConfig", "Lstm", "LstmConfig"]
-
 
 @dataclass(frozen=True)
 class CnnMlpConfig(Settings):

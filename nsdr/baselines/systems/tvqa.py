@@ -30,8 +30,6 @@ from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.layers import AnswerHead, ObjectEncoder, TextEncoder, Width, initialise, masked_softmax
 from nsdr.validation import Settings, Share, Size
 
-__all__ = ["TvqaConfig", "TvqaPlus"]
-
 
 @dataclass(frozen=True)
 class TvqaConfig(Settings):

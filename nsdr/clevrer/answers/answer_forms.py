@@ -123,7 +123,7 @@ def read_letters(text: str, options: Sequence[str]) -> frozenset[str]:
         return _known(re.findall(r"\b[A-Z]\b", bare.upper()), letters)
     if re.fullmatch("[A-Z]+", bare) and len(set(bare)) == len(bare):
         return _known(bare, letters)
-    normal = [_normal(option) for option in options]
+    normal = [" ".join(re.findall(r"\w+", plain(option).casefold())) for option in options]
     marked = _marked(text, normal)
     judged = _judged(marked, normal, letters)
     return _given(marked, normal, letters) if judged is None else judged
@@ -197,8 +197,3 @@ def _given(marked: str, normal: Sequence[str], letters: str) -> frozenset[str]:
     if not found:
         raise UnreadableError("no letters")
     return frozenset(found)
-
-
-def _normal(option: str) -> str:
-    """The words of an option."""
-    return " ".join(re.findall(r"\w+", plain(option).casefold()))

@@ -21,7 +21,7 @@ from nsdr.clevrer.files.schema import (
     check_unique,
 )
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, write_json
+from nsdr.io.files import write_file, write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.types import Scene
@@ -262,8 +262,7 @@ def check_truth_blocks(rows: Any, name: str) -> dict[int, dict[str, Any]]:
 
 def write_truth(path: str | Path, blocks: Sequence[dict[str, Any]]) -> None:
     """Write ground-truth blocks (each with `video` and `n_frames`) as a gzipped JSON list, atomically."""
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(gzip.compress(json.dumps(blocks).encode(), mtime=0))
+    write_file(path, gzip.compress(json.dumps(blocks).encode(), mtime=0))
 
 
 def truth_block(scene: Scene) -> dict[str, Any]:

@@ -38,7 +38,7 @@ def check_mask(size: object, counts: object, height: int, width: int, where: str
 
 
 def runs_of_mask(counts: str, height: int, width: int, where: str) -> NDArray[np.int64]:
-    """Lengths of the runs of a compressed mask, of background and object in turn, column by column.
+    """Lengths (K,) of the runs of a compressed mask, of background and object in turn, column by column.
 
     Raises:
         DataError: the string is no mask of that size; names `where`.
@@ -68,7 +68,7 @@ def runs_of_mask(counts: str, height: int, width: int, where: str) -> NDArray[np
 
 
 def numbers_of_runs(runs: NDArray[np.int64], height: int) -> MaskNumbers:
-    """Centroid, area and box of the mask with these runs; all zero for an empty mask."""
+    """Centroid, area and box of the mask with these runs (K,); all zero for an empty mask."""
     ends = runs.cumsum()[1::2]
     lengths = runs[1::2]
     if not lengths.any():

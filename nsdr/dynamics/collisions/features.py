@@ -13,16 +13,6 @@ from nsdr.tracking.localization import expected_size
 from nsdr.tracking.visibility import hidden_sides
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
-__all__ = [
-    "OBJECT_CHANNELS",
-    "PAIR_CHANNELS",
-    "MotionArrays",
-    "NetworkInputs",
-    "arrays_from_states",
-    "near_pairs",
-    "network_inputs",
-]
-
 NEAR_WORLD = 1.0
 """Pairs whose centres never come closer than this do not collide (world units): all 4,223 collisions of the left-out scenes of
 `train` come closer (`python benchmarks/collisions.py` counts those that do not)."""

@@ -21,8 +21,6 @@ from nsdr.io.device import limit_threads
 from nsdr.types import Event
 from nsdr.validation import Settings, Size
 
-__all__ = ["STEP_FRAMES", "CollisionNetwork", "CollisionNetworkConfig", "TrackCollisionDetector"]
-
 STEP_FRAMES = 2
 """Frames between two steps of the output."""
 KERNEL = 5
@@ -114,7 +112,6 @@ class TrackCollisionDetector(PretrainedPart[CollisionNetwork]):
 
     def __init__(self, model: CollisionNetwork) -> None:
         self.model = model.eval()
-        self.config = model.config
 
     @limit_threads(1)
     @torch.no_grad()

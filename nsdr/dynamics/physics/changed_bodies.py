@@ -17,8 +17,6 @@ from nsdr.types.interventions import Intervention, check_position, check_speed
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["ChangedBodies", "change_bodies"]
-
 FROZEN_MASS = 1e9
 """Relative mass of frozen objects: what hits them rebounds as from a wall."""
 

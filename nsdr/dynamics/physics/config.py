@@ -7,8 +7,6 @@ from msgspec import Meta
 
 from nsdr.validation import Count, NotNegative, Settings, Share
 
-__all__ = ["PhysicsConfig"]
-
 MAX_RUNS = 1000
 """Largest `PhysicsConfig.runs`."""
 

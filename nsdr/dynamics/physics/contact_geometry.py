@@ -7,8 +7,6 @@ from nsdr.world.physics_constants import HULL_MARGIN_WORLD, OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import CUBE_EDGE_WORLD, CUBE_EXPONENT, CUBE_STEPS
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["CORNER_WORLD", "CUBE", "CUBE_CYCLE", "CUBE_OUTLINE", "FLAT", "ROUND", "SPHERE", "outline_gap"]
-
 CUBE, SPHERE = SHAPES.index("cube"), SHAPES.index("sphere")
 _HALF, _MARGIN = OBJECT_RADIUS_WORLD, HULL_MARGIN_WORLD
 FLAT = OBJECT_RADIUS_WORLD - CUBE_EDGE_WORLD

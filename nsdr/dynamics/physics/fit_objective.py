@@ -26,8 +26,6 @@ from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
-__all__ = ["EDGES_PX", "MAX_FITTED_REBOUND", "REBOUND", "FitProblem", "cube_edges_px", "evaluate", "rows_of"]
-
 MAX_FITTED_REBOUND = 0.8
 """Largest rebound that a fit can have (Bullet's restitution is 0.64)."""
 REBOUND = 0.4

@@ -26,6 +26,7 @@ from nsdr.dynamics.physics.simulator import (
 )
 from nsdr.dynamics.track_smoothing import SmoothedTracks, rollout_in_image, with_smoothed_tracks
 from nsdr.types import Event, Remove, Rollout, UncertainCollision
+from nsdr.validation import BoolArray, FloatArray, IntArray
 from nsdr.world.physics_constants import (
     CONTACT_PAUSE_STEPS,
     FRAME_SECONDS,
@@ -34,11 +35,6 @@ from nsdr.world.physics_constants import (
     STEPS_PER_FRAME,
 )
 
-__all__ = ["FittedScene"]
-
-FloatArray = NDArray[np.floating[Any]]
-IntArray = NDArray[np.integer[Any]]
-BoolArray = NDArray[np.bool_]
 MIN_PROBABILITY = 0.005
 """Collisions that are less probable count as ruled out, and those that are more probable than 1 minus this as certain."""
 DEGREES_OF_FREEDOM = 4

@@ -12,32 +12,16 @@ from nsdr.world.physics_constants import (
     ANGULAR_DAMPING,
     ERROR_REDUCTION,
     GRAVITY,
-    GROUND_FRICTION,
     LINEAR_DAMPING,
     MIN_REBOUND_SPEED,
     PAIR_RESTITUTION,
+    SLIDING_DECELERATION,
     SPINNING_FRICTION,
     STEP_SECONDS,
 )
 
-__all__ = [
-    "GIVEN_GAP_WORLD",
-    "MIN_SPIN_RAD_PER_S",
-    "POSITION",
-    "SPIN",
-    "VELOCITY",
-    "YAW",
-    "approach",
-    "drift",
-    "push",
-    "rebound_at",
-    "slow_down",
-    "speed_after",
-]
-
 POSITION, VELOCITY, YAW, SPIN = slice(0, 2), slice(2, 4), 4, 5
 """Columns of a body's state, a row (x, y, vx, vy, yaw, spin): world units, radians and seconds."""
-_DECELERATION = GROUND_FRICTION["cube"] * GRAVITY
 _SPINNING_DECELERATION = SPINNING_FRICTION * GRAVITY
 """Torque per mass by which the ground resists spinning (world units²/s²)."""
 INERTIA = 2 * (2 * ROUND) ** 2 / 12
@@ -73,8 +57,8 @@ def slow_down(shape, state, i):  # type: ignore[no-untyped-def]
         state[i, 2] *= factor
         state[i, 3] *= factor
         return
-    if abs_spin < MIN_SPIN_RAD_PER_S or speed + _SPIN_SLIDING_WORLD * abs_spin < STEP_SECONDS * _DECELERATION:
-        factor = max(0.0, 1 - STEP_SECONDS * (loss + _DECELERATION) / speed) if speed > 0 else 0.0
+    if abs_spin < MIN_SPIN_RAD_PER_S or speed + _SPIN_SLIDING_WORLD * abs_spin < STEP_SECONDS * SLIDING_DECELERATION:
+        factor = max(0.0, 1 - STEP_SECONDS * (loss + SLIDING_DECELERATION) / speed) if speed > 0 else 0.0
         state[i, 2] *= factor
         state[i, 3] *= factor
         state[i, 5] = 0.0
@@ -85,8 +69,8 @@ def slow_down(shape, state, i):  # type: ignore[no-untyped-def]
         kx, ky = (FLAT if k % 2 else -FLAT), (FLAT if k // 2 else -FLAT)
         rx, ry = c * kx - s * ky, s * kx + c * ky
         ux, uy = state[i, 2] - state[i, 5] * ry, state[i, 3] + state[i, 5] * rx
-        u = max(np.sqrt(ux * ux + uy * uy), 2 * STEP_SECONDS * _DECELERATION)
-        gx, gy = -_DECELERATION / 4 * ux / u, -_DECELERATION / 4 * uy / u
+        u = max(np.sqrt(ux * ux + uy * uy), 2 * STEP_SECONDS * SLIDING_DECELERATION)
+        gx, gy = -SLIDING_DECELERATION / 4 * ux / u, -SLIDING_DECELERATION / 4 * uy / u
         fx += gx
         fy += gy
         torque += rx * gy - ry * gx

@@ -22,8 +22,6 @@ from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, ObjectPhysics, Rollout, Simulation, VideoTracks
 from nsdr.types.interventions import Intervention
 
-__all__ = ["CollisionDetector", "PhysicsPredictor"]
-
 VELOCITY_ERROR_WORLD_PER_S = 0.02
 """Standard deviation of each component of the observed velocities (world units/s): 95 % of errors of speeds are within 1.645
 of them, rounded (`python benchmarks/extensions.py DATA PROPOSALS --scenes 70 --errors`)."""

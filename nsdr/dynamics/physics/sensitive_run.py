@@ -28,8 +28,6 @@ from nsdr.dynamics.physics.forces import (
 from nsdr.dynamics.sliding import slide_one
 from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS
 
-__all__ = ["Bodies", "advance", "exchange", "find_contact", "new_bodies", "start_segment", "state_at"]
-
 _NEWTON_STEPS = 3
 """Refinements of the moment of a contact."""
 _MIN_APPROACH_WORLD_PER_S = 0.02

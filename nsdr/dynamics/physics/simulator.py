@@ -9,7 +9,6 @@ needs it.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +16,8 @@ from numpy.typing import NDArray
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
 from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, approach, drift, push, rebound_at, slow_down, speed_after
+from nsdr.validation import FloatArray, IntArray
 from nsdr.world.physics_constants import CONTACT_THRESHOLD_WORLD, STEP_SECONDS, STEPS_PER_FRAME
-
-__all__ = [
-    "NO_CONTACT",
-    "BodyStates",
-    "Perturbations",
-    "PrescribedMotion",
-    "SimulatedMotion",
-    "simulate",
-]
-
-FloatArray = NDArray[np.floating[Any]]
-IntArray = NDArray[np.integer[Any]]
 
 NO_CONTACT = -1
 """Frame of the first contact of a pair that never touches."""

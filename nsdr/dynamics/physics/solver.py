@@ -3,19 +3,13 @@
 Differs from `scipy.optimize.least_squares`: the objective returns its gradient and curvature, not its residuals.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.contact_geometry import CUBE
 from nsdr.dynamics.physics.fit_objective import LOG_MASS, FitProblem, evaluate
+from nsdr.validation import FloatArray
 from nsdr.world.physics_constants import LOG_MASS_STD
-
-__all__ = ["log_mass_covariance", "minimise", "trust_region_step"]
-
-FloatArray = NDArray[np.floating[Any]]
 
 FIRST_RADIUS = 1.0
 """First trust region (units of the parameters)."""

@@ -6,10 +6,8 @@ motion a smooth function of the initial state (see `simulator`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nsdr.dynamics.motion_states import COLLISION_MARGIN_FRAMES, REST_SPEED_WORLD_PER_S, MotionStates, detections_in
 from nsdr.dynamics.physics.config import PhysicsConfig
@@ -29,13 +27,10 @@ from nsdr.dynamics.physics.simulator import BodyStates
 from nsdr.dynamics.physics.solver import log_mass_covariance, minimise
 from nsdr.dynamics.sliding import fit_sliding, slide
 from nsdr.types import Event
+from nsdr.validation import FloatArray, IntArray
 from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD
 from nsdr.world.vocabulary import SHAPES
 
-__all__ = ["GOOD_COST", "TrajectoryFit", "fit_trajectories"]
-
-FloatArray = NDArray[np.floating[Any]]
-IntArray = NDArray[np.integer[Any]]
 UNITS = np.array([0.01, 0.01, 0.02, 0.02, 0.1, np.nan, LOG_MASS_STD, 0.15])
 """Typical change of each kind of parameter (see `FitProblem`); the optimiser works in these units."""
 REBOUND_DEVIATION = 0.2

@@ -27,8 +27,6 @@ from nsdr.types import Event, SceneObject
 from nsdr.world.physics_constants import VIDEO_FRAMES
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
-__all__ = ["MotionDataset", "read_image_dataset", "read_motion_dataset"]
-
 Row = dict[str, NDArray[Any]]
 
 DATA_VERSION = 1

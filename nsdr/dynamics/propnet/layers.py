@@ -3,8 +3,6 @@
 import torch
 from torch import Tensor, nn
 
-__all__ = ["PropNet", "mlp"]
-
 
 def mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
     """Two layers, each with a rectifier."""

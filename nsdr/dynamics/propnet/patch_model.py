@@ -12,8 +12,6 @@ from nsdr.errors import DataError
 from nsdr.validation import Positive, Settings, Share, Size
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-__all__ = ["BOX_SCALE", "PATCH_CHANNELS", "ImageModel", "PatchModel", "PatchModelConfig", "PatchNetwork"]
-
 STATIC_FEATURES = 5
 PATCH_CHANNELS = 4
 """Red, green, blue and the mask."""
@@ -69,7 +67,7 @@ class PatchEncoder(nn.Module):
         self.head = nn.Sequential(nn.Linear(flat + features, config.hidden), nn.ReLU())
 
     def forward(self, maps: Tensor, features: Tensor) -> Tensor:
-        """Encode each object or pair."""
+        """Encode each object or pair: maps (..., C, cells, cells) and features (..., F) -> (..., hidden)."""
         convolved = self.convolutions(maps.flatten(0, -4)).flatten(1).unflatten(0, maps.shape[:-3])
         encoded: Tensor = self.head(torch.cat([convolved, features], -1))
         return encoded

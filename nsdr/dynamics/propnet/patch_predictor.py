@@ -25,12 +25,8 @@ from nsdr.errors import DataError
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
+from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-
-__all__ = ["ImagePredictor", "PatchPredictor"]
-
-FloatArray = NDArray[np.floating[Any]]
-BoolArray = NDArray[np.bool_]
 
 
 class PatchPredictor(PretrainedPart[PatchNetwork]):

@@ -13,11 +13,9 @@ from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PATCH_CHANNELS, PatchMo
 from nsdr.errors import DataError
 from nsdr.tracking.tracker import rows_of
 from nsdr.types import VideoProposals, VideoTracks
+from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
 
-__all__ = ["object_patches", "patch_boxes"]
-
-FloatArray = NDArray[np.floating[Any]]
 FAR = 3.0
 """Boxes further out than this, in units of `BOX_SCALE`, stay there."""
 MAX_VALUE = 255

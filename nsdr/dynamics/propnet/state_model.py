@@ -10,8 +10,6 @@ from torch import Tensor, nn
 from nsdr.dynamics.propnet.layers import PropNet, mlp
 from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
-__all__ = ["StateModel", "StateModelConfig"]
-
 STATIC_FEATURES = 5
 LENGTH_WORLD = 0.1
 """Unit of lengths inside the networks: about the displacement of a fast object in one frame (world units)."""

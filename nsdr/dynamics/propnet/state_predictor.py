@@ -21,9 +21,6 @@ from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 
-__all__ = ["StatePredictor", "windows"]
-
-FloatArray = NDArray[np.floating[Any]]
 PEAK_FRAMES = 4
 """Frames on each side of the most probable one whose probabilities decide the frame of a collision."""
 OBSERVED_AT_ONCE = 32

@@ -16,13 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError
+from nsdr.validation import FloatArray
 
-__all__ = [
-    *("COLUMNS", "ROWS", "TURNS", "FloatArray", "GroundFit", "best_fit", "cells", "corrected_levels", "fit_ground"),
-    *("fit_cells", "read_background", "references", "turned"),
-]
-
-FloatArray = NDArray[np.floating[Any]]
 COLUMNS, ROWS = 48, 32
 """Number of cells that images are compared in."""
 KEPT = 0.6

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.check.ground import COLUMNS, ROWS, FloatArray, best_fit, cells
+from nsdr.frame_parser.check.ground import COLUMNS, ROWS, best_fit, cells
 from nsdr.io.video import Layout
+from nsdr.validation import FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-
-__all__ = ["content_box", "find_layout", "part_of"]
 
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom (pixels)."""

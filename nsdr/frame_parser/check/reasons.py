@@ -21,11 +21,6 @@ from nsdr.frame_parser.check.shots import change
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS
 
-__all__ = [
-    *("MAX_EDGE_PX", "MAX_GROUND_DISTANCE", "SPACING_FRAMES", "camera_motion", "edge_width_px", "marked_px"),
-    *("needed_levels", "reasons"),
-]
-
 
 class Reason(NamedTuple):
     """What speaks against a video.

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from nsdr.world.physics_constants import FPS
 
-__all__ = ["change", "first_shot", "is_cut", "until_cut"]
-
 GRAY_SIZE = (120, 80)
 """Width and height of the images that are compared (pixels)."""
 CHANGED = 15

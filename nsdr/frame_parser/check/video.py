@@ -13,7 +13,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from nsdr.errors import VideoError
-from nsdr.frame_parser.check.ground import TURNS, FloatArray, GroundFit, best_fit, read_background, references, turned
+from nsdr.frame_parser.check.ground import TURNS, GroundFit, best_fit, read_background, references, turned
 from nsdr.frame_parser.check.layout import find_layout, part_of
 from nsdr.frame_parser.check.reasons import (
     MAX_EDGE_PX,
@@ -26,9 +26,7 @@ from nsdr.frame_parser.check.reasons import (
 from nsdr.frame_parser.check.shots import first_shot, until_cut
 from nsdr.io.decoding import RATES, check_is_video
 from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
-from nsdr.validation import PositiveCount, Settings
-
-__all__ = ["VideoCheck", "VideoConfig", "check_video", "clip_frames", "look"]
+from nsdr.validation import FloatArray, PositiveCount, Settings
 
 SAMPLED_SECONDS = 2.56
 """The check looks at this time of a video."""

@@ -32,18 +32,6 @@ from nsdr.io.reading import read_json
 from nsdr.io.registry import Registry
 from nsdr.validation import Count, Settings, convert, one_of
 
-__all__ = [
-    "EXPORTERS",
-    "Export",
-    "ExportConfig",
-    "Exporter",
-    "SplitSummary",
-    "copy_once",
-    "export_dataset",
-    "is_unanswered",
-    "write_json_lines",
-]
-
 MANIFEST = "export.json"
 """File of an export's folder with its settings and counts."""
 VERSION = 2

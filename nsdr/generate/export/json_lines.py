@@ -5,8 +5,6 @@ from typing import Any
 from nsdr.generate.export.base import Exporter, write_json_lines
 from nsdr.generate.export.records import Record
 
-__all__ = ["CHAT", "GRPO", "chat_row", "grpo_row"]
-
 
 def _user_message(record: Record) -> dict[str, Any]:
     """What the user says: the video, then the prompt."""

@@ -28,8 +28,6 @@ from nsdr.io.video import even_frames, write_video
 from nsdr.symbolic import Executor
 from nsdr.world.vocabulary import DIRECTIONS
 
-__all__ = ["PAIRS"]
-
 GAIN = (0.85, 1.15)
 """Min and max factor of each colour channel of a noisy video."""
 NOISE = 5.0

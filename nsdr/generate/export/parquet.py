@@ -8,9 +8,7 @@ import yaml
 
 from nsdr.generate.export.base import Export, Exporter
 from nsdr.generate.export.records import COLUMNS
-from nsdr.io.files import atomic_path
-
-__all__ = ["PARQUET"]
+from nsdr.io.files import atomic_path, write_file
 
 QUESTIONS_PER_FILE = 50_000
 """Questions of a Parquet file; they are in memory while it is written. CLEVRER's train split has 152,572."""
@@ -45,8 +43,7 @@ def _write(export: Export) -> None:
             if not path.exists():
                 with atomic_path(path) as temporary:
                     datasets.Dataset.from_list(chunk, features=features).to_parquet(temporary)
-    with atomic_path(export.folder / "README.md") as temporary:
-        temporary.write_text(_card(export), encoding="utf-8")
+    write_file(export.folder / "README.md", _card(export))
 
 
 def _features(datasets: Any) -> Any:

@@ -12,9 +12,6 @@ from nsdr.errors import NsdrError
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
 
-__all__ = ["COLUMNS", "Record", "reasoner", "scene_records"]
-
-
 COLUMNS = {
     "id": "`SCENE_INDEX-QUESTION_ID`, such as `10003-7`",
     "split": "the video's split: train, validation or test",

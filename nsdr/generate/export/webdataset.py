@@ -9,8 +9,6 @@ from nsdr.generate.export.base import Export, Exporter
 from nsdr.generate.export.records import Record
 from nsdr.io.files import atomic_path
 
-__all__ = ["WEBDATASET"]
-
 BYTES_PER_MB = 10**6
 MEMBER_BYTES = 2 * 512
 """What the tar format adds to a member at most: its header, and padding to the next 512 bytes."""

@@ -9,11 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nsdr.generate.quiet import quiet
 from nsdr.io.files import check_installed
-from nsdr.validation import NotNegative, Settings, Share
+from nsdr.validation import FloatArray, NotNegative, Settings, Share
 from nsdr.world.physics_constants import (
     CONTACT_PAUSE_STEPS,
     GRAVITY,
@@ -28,9 +27,6 @@ from nsdr.world.physics_constants import (
 )
 from nsdr.world.shapes import hull_vertices
 
-__all__ = ["Body", "BulletConfig", "BulletMotion", "Contact", "Simulator"]
-
-FloatArray = NDArray[np.floating[Any]]
 NEAR_WORLD = 6 * OBJECT_RADIUS_WORLD
 """Objects whose centres are farther apart than this when a frame starts are not checked for contacts in that frame."""
 GROUND_HALF_EXTENTS_WORLD = (GROUND_HALF_WIDTH_WORLD, GROUND_HALF_WIDTH_WORLD, 5.0)

@@ -12,8 +12,6 @@ from nsdr.types import Event, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, check_speed
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 
-__all__ = ["TruthWorlds"]
-
 
 class TruthWorlds:
     """The collisions of a generated video with an object changed; a `nsdr.symbolic.quantities.Simulate`.

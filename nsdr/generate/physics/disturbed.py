@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from nsdr.generate.physics.bullet import Body
 
-__all__ = ["bodies_of", "disturbed", "states_at"]
-
 VELOCITY_ERROR_PER_S, YAW_ERROR_PER_WORLD, LOG_MASS_ERROR_PER_WORLD = 1.5, 40.0, 25.0
 """Errors of velocities (world units/s), yaws (radians) and log masses, of one of 1 world unit in positions: about the ratios of
 the errors of the fitted simulator, which `benchmarks/precision.py` prints, and of `PhysicsConfig`'s yaws."""

@@ -9,22 +9,18 @@ import math
 import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import Body, BulletConfig, BulletMotion, Contact, Simulator
 from nsdr.generate.physics.scene_config import SceneConfig, Triple, matches_any
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject
+from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import LINEAR_DAMPING, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
-__all__ = ["SimulatedScene", "removals_by_effect", "scene_without", "simulate_scene"]
-
-FloatArray = NDArray[np.floating[Any]]
 STATIC_FRACTION = (0.0, 0.6, 0.35, 0.35)
 """Probability of each participant to start at rest (0 for the first one, which moves)."""
 PARTNER_WEIGHTS = (1.0, 1.1, 0.5)

@@ -13,8 +13,6 @@ from nsdr.validation import NotNegative, Positive, Settings, expect, one_of
 from nsdr.world.physics_constants import MASS_RANGE, START_SPEED_RANGE_WORLD_PER_S, VIDEO_FRAMES, horizon_frame
 from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
-__all__ = ["SceneConfig", "Triple", "matches_any"]
-
 Triple = tuple[str, str, str]
 """(color, material, shape) of an object."""
 MIN_OBJECTS = 2

@@ -21,8 +21,6 @@ from nsdr.world.physics_constants import FRAME_SECONDS, GROUND_FRICTION, OBJECT_
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES, differing_words
 
-__all__ = ["AMOUNTS", "SIZES", "break_law"]
-
 SIZES = ("clear", "small", "limit")
 """How easily a violation is seen; the last ones are at the limit of what positions known to 0.003 world units show."""
 AMOUNTS = {
@@ -185,7 +183,7 @@ class _World:
 
 
 def without(scene: SimulatedScene, objects: Sequence[int], frames: slice | BoolArray) -> SimulatedScene:
-    """The scene with objects behind the camera in some frames."""
+    """The scene with objects behind the camera in some frames: a slice, or (T,) bool."""
     location = scene.motion.location_world.copy()
     location[list(objects), frames] = AWAY_WORLD
     return replace(scene, motion=replace(scene.motion, location_world=location))

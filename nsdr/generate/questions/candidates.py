@@ -19,17 +19,6 @@ from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 from nsdr.world.vocabulary import ATTRIBUTES
 
-__all__ = [
-    "EXTENSION_KINDS",
-    "changed_questions",
-    "descriptive_questions",
-    "family",
-    "form",
-    "is_negated",
-    "multiple_choice_questions",
-    "plain_questions",
-]
-
 EXTENSION_KINDS = ("speed", "direction", "is_faster", "faster", "extreme_speed", "is_heavier", "heavier", "heaviest")
 """Subtypes of the descriptive questions beyond CLEVRER; in capitals their symbols in write_beyond.rules."""
 
@@ -97,6 +86,7 @@ class SceneWords:
         self.named: list[int] = []
 
     def words(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
+        """See `Phrases.words`."""
         if use == "one":
             i = self.named.pop(0) if self.named else choose.pick(range(len(self.unique)))
             described = self.unique[i]

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from nsdr.clevrer.files.questions import OPTION_TAGS, Choice, Question
 from nsdr.generate.questions.candidates import is_negated
 
-__all__ = ["InferentialSelection"]
-
 MAX_OWED = 10.0
 """Scenes that would move the share away from its target are skipped, and their questions asked about later scenes, until this
 many questions are owed; then the best ones are asked all the same."""

@@ -33,8 +33,6 @@ from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 from nsdr.validation import Count, NotNegative, Settings, Share, one_of
 
-__all__ = ["QuestionConfig", "find_candidates", "generate_questions", "select_questions"]
-
 PER_VIDEO = {
     "count": 4.0,
     "exist": 2.0,

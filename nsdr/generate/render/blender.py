@@ -15,8 +15,6 @@ from nsdr.world.camera import SENSOR_MM
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.vocabulary import COLORS_RGB
 
-__all__ = ["Blender"]
-
 ASSET_SHAPES = {"cube": "SmoothCube_v2", "sphere": "Sphere", "cylinder": "SmoothCylinder"}
 ASSET_MATERIALS = {"rubber": "Rubber", "metal": "MyMetal"}
 """Names of the shapes and materials in CLEVR's asset files."""

@@ -6,32 +6,15 @@ Points and directions in compiled functions are (x, y, z) tuples in world units;
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit, inlined_njit
+from nsdr.validation import FloatArray
 from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
-__all__ = [
-    "CENTRE",
-    "Solid",
-    "added",
-    "dot",
-    "eye_of",
-    "find_light",
-    "first_hit",
-    "instance_ids",
-    "normal_at",
-    "optical_flow",
-    "ray",
-    "solids_of",
-    "three",
-]
-
-FloatArray = NDArray[np.floating[Any]]
 CUBE, SPHERE, CYLINDER = 0, 1, 2
 KINDS = {"cube": CUBE, "sphere": SPHERE, "cylinder": CYLINDER}
 KIND, CENTRE, AXES = 0, 1, 4

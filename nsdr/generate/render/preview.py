@@ -15,8 +15,6 @@ from nsdr.world.camera import on_ground
 from nsdr.world.shapes import rendered_rotation
 from nsdr.world.vocabulary import COLORS_RGB
 
-__all__ = ["render_motion", "render_preview"]
-
 FloatArray = NDArray[np.float64]
 POWER_PER_INTENSITY = 4.0
 """Power of a lamp (W) that shines with unit intensity straight ahead, in Blender. With pi, which energy would ask for, the

@@ -16,8 +16,6 @@ from nsdr.generate.render.geometry import (
 )
 from nsdr.generate.render.view import GROUND_REFLECTANCE
 
-__all__ = ["background", "trace"]
-
 SURFACE_COLOR, BELOW, METAL = 0, 3, 6
 """Columns of an array of surfaces: linear RGB of an object's colour and of the ground below it, and 1 for metal."""
 AMBIENT = 0.039

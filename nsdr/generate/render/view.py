@@ -14,17 +14,6 @@ from nsdr.validation import Count, NotNegative, Settings, Size
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, Camera, check_release_size
 from nsdr.world.physics_constants import FPS
 
-__all__ = [
-    "GROUND_REFLECTANCE",
-    "LAMPS",
-    "SUN_ANGLE",
-    "SUN_DIRECTION",
-    "SUN_STRENGTH",
-    "RenderConfig",
-    "View",
-    "view_of",
-]
-
 MIN_SIDE_PX = 16
 """Smallest image width and height."""
 MAX_SIDE_PX = 4096
