@@ -32,7 +32,7 @@ BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
 TOLERANCE_FRAMES = 3
 RIDGE = 0.05
 """Weight decay of the logistic regression, of inputs in `SCALES`."""
-SCALES = (1.0, 1.0, 0.05, 1.0)
+SCALES = (1.0, 1.0, 0.05)
 """Units of the constant and the numbers of `Evidence` in the regression."""
 FOLDS = 5
 
@@ -97,7 +97,7 @@ def read_videos(options: argparse.Namespace, backend: Any) -> list[Video]:
 
 def print_errors(videos: list[Video], backend: Any) -> None:
     """Table of errors, their numbers, and the calibration of the detector."""
-    print("video pair frame error network_p searched hidden cost_with cost_without gap fit")
+    print("video pair frame error network_p searched hidden cost_with cost_without gap")
     counts = dict.fromkeys(("missing", "extra", "frame", "found", "network missing", "network extra"), 0)
     no_candidate, off = 0, Counter[int]()
     for video in videos:
@@ -153,8 +153,7 @@ def _error_line(
     if pair not in search.events:
         return line
     without, given = search.fitted(chosen - {pair}), search.fitted(chosen | {pair})
-    e = Evidence.of(pair, p, given, without)
-    return f"{line} {given.cost:.3f} {without.cost:.3f} {e.gap:.3f} {e.fit:.2f}"
+    return f"{line} {given.cost:.3f} {without.cost:.3f} {Evidence.of(pair, p, given).gap:.3f}"
 
 
 def print_weights(videos: list[Video], backend: Any) -> None:
@@ -164,19 +163,18 @@ def print_weights(videos: list[Video], backend: Any) -> None:
         search = CollisionSearch(video.states, video.candidates, backend.config)
         for pair in search.uncertain:
             e = search.evidence(pair, search.probable)
-            rows.append((1.0, e.network, e.gap, e.fit))
+            rows.append((1.0, e.network, e.gap))
             labels.append(pair in video.true)
             groups.append(video.index)
     x, y, fold = np.array(rows) / SCALES, np.array(labels), np.array(groups) // 5 % FOLDS
     print(f"{len(y)} uncertain pairs of {len(videos)} scenes, {y.sum()} true")
-    for name, used in {"network": (0, 1), "network and gap": (0, 1, 2), "all": (0, 1, 2, 3)}.items():
-        columns = x[:, list(used)]
+    for name, columns in {"network": x[:, :2], "network and gap": x}.items():
         z = np.zeros(len(y))
         for k in range(FOLDS):
             z[fold == k] = columns[fold == k] @ fit_logistic(columns[fold != k], y[fold != k])
         print(f"  {name}: cross-validated log loss {_log_loss(z, y):.4f}, wrong {((z > 0) != y).sum()}")
     print(f"  network alone as it is: log loss {_log_loss(x[:, 1], y):.4f}, wrong {((x[:, 1] > 0) != y).sum()}")
-    for name, value in zip(("bias", "network", "gap", "fit"), fit_logistic(x, y) / SCALES, strict=True):
+    for name, value in zip(("bias", "network", "gap"), fit_logistic(x, y) / SCALES, strict=True):
         print(f"{name}: {value:.3f}")
 
 

@@ -15,21 +15,14 @@ from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.dynamics.physics.trajectory_fit import GOOD_COST, TrajectoryFit, fit_trajectories
 from nsdr.types import Event
 
-__all__ = ["CollisionSearch", "Evidence", "FoundCollisions", "closest_gap", "log_odds", "search_collisions"]
-
 Pair = tuple[int, ...]
 TRIED_FROM = 0.01
 """Candidates with a probability between this and 1 minus this are tried both ways; the others are taken as they are."""
-BIAS, NETWORK_WEIGHT, GAP_WEIGHT, FIT_WEIGHT = 0.396, 0.719, -31.1, 1.968
+BIAS, NETWORK_WEIGHT, GAP_WEIGHT = 0.623, 0.636, -42.6
 """Weights of a logistic regression on `Evidence`, fitted on held-out scenes of `train`: `python benchmarks/collisions.py
 --proposals FILE.npz --truth FILE.json.gz --every 5 --weights` prints them."""
 MAX_LOG_ODDS = 12.0
 """The network's log-odds are clamped to this: beyond, a probability of 0 or 1 says no more."""
-MAX_LOG_RATIO = 3.0
-"""Logarithms of ratios of costs are clamped to this."""
-_MIN_COST = 1e-9
-FAR_GAP_WORLD = 0.1
-"""Bodies that stay this far apart do not nearly touch (world units)."""
 MAX_GAP_WORLD = 0.3
 """Gaps are clamped to this (world units)."""
 NEAREST_FRAMES = 3
@@ -40,32 +33,25 @@ NEAREST_FRAMES = 3
 class Evidence:
     """What speaks for a collision, given the other collisions of its video.
 
-    What the fits say is weighted by the share 0-1 to which the fit with the collision explains the video (1 / (1 + (cost /
-    `GOOD_COST`)²)): one that did not converge is no evidence.
-
     Attributes:
         network: log-odds of the detector.
-        gap: how close the bodies come in the run fitted with the collision (world units), weighted; 0 where they touch.
-        fit: logarithm of the fit's cost without the collision, divided by that with it, weighted; down to 0 where the bodies
-            stay `FAR_GAP_WORLD` apart in the run with it: such a run explains nothing by the collision.
+        gap: how close the bodies come in the run fitted with the collision (world units); 0 where they touch. It is weighted by
+            the share 0-1 to which the fit explains the video, 1 / (1 + (cost / `GOOD_COST`)²): one that did not converge says
+            nothing.
     """
 
     network: float
     gap: float
-    fit: float
 
     @classmethod
-    def of(cls, pair: Pair, probability: float, given: TrajectoryFit, without: TrajectoryFit) -> "Evidence":
-        """Of a pair's collision with a probability by the detector, and the fits with it and without it."""
-        trust, gap = 1 / (1 + (given.cost / GOOD_COST) ** 2), closest_gap(given, pair)
-        ratio = math.log(max(without.cost, _MIN_COST) / max(given.cost, _MIN_COST))
-        ratio = min(max(ratio, -MAX_LOG_RATIO), MAX_LOG_RATIO)
-        return cls(log_odds(probability), trust * gap, trust * max(1 - gap / FAR_GAP_WORLD, 0.0) * ratio)
+    def of(cls, pair: Pair, probability: float, given: TrajectoryFit) -> "Evidence":
+        """Of a pair's collision with a probability by the detector, and the fit with it."""
+        return cls(log_odds(probability), closest_gap(given, pair) / (1 + (given.cost / GOOD_COST) ** 2))
 
     @property
     def probability(self) -> float:
         """Of the collision, by all evidence."""
-        odds = BIAS + NETWORK_WEIGHT * self.network + GAP_WEIGHT * self.gap + FIT_WEIGHT * self.fit
+        odds = BIAS + NETWORK_WEIGHT * self.network + GAP_WEIGHT * self.gap
         return (1 + math.tanh(odds / 2)) / 2
 
 
@@ -141,14 +127,14 @@ class CollisionSearch:
         first = self.fitted(chosen)
         if pair not in chosen and _meet(first, pair):
             self.fitted(given, first)
-        stuck = _meet(self.fitted(without), pair) and not _meet(self.fitted(given), pair)
+        stuck = not _meet(self.fitted(given), pair) and _meet(self.fitted(without), pair)
         if stuck and given not in self._repeated:
             # The run without the collision makes it all the same, and its rebound alone is not fitted.
             self._repeated.add(given)
             again = self._fit(given, self.fitted(without))
             if again.cost < self.fitted(given).cost:
                 self._fits[given] = again
-        return Evidence.of(pair, self.probability[pair], self.fitted(given), self.fitted(without))
+        return Evidence.of(pair, self.probability[pair], self.fitted(given))
 
 
 class FoundCollisions(NamedTuple):
