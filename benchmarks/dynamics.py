@@ -27,6 +27,7 @@ from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.dynamics.registry import load_backend
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Rollout
+from nsdr.world.physics_constants import VIDEO_FRAMES, horizon_frame
 
 
 class ConstantVelocity:
@@ -56,6 +57,7 @@ def main() -> None:
     print("rollouts, constant velocity: " + _text(rollout_errors(ConstantVelocity(), states)))
     for name in options.dynamics:
         backend: Any = load_backend(find_checkpoint("default"), name)
+        backend.horizon_frame = horizon_frame(VIDEO_FRAMES)  # of rollouts of a video's first frames, too
         backend.predict(scenes[0][1])  # compiles
         predictions, seconds = [], []
         for _, tracks in scenes:
