@@ -200,7 +200,7 @@ def test_missing_and_corrupt_files_are_named(tmp_path) -> None:
 
 
 def public_functions():
-    """(full name, function or class) of everything that modules define without an underscore, methods included."""
+    """(full name, function or class) of what modules define without an underscore, with methods; no command's `*_options`."""
     for info in pkgutil.walk_packages(nsdr.__path__, "nsdr."):
         module = importlib.import_module(info.name)
         for name, value in vars(module).items():

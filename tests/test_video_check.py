@@ -313,9 +313,8 @@ def test_a_codec_that_opencv_lacks_is_told_how_to_be_converted(tmp_path) -> None
         frame = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")
         for packet in (*stream.encode(frame), *stream.encode(None)):
             container.mux(packet)
-    if hasattr(
-        os, "sched_setscheduler"
-    ):  # SVT-AV1, run by root, made this a real-time process, beside which others starve
+    # SVT-AV1, run by root, made this a real-time process, beside which others starve.
+    if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     with pytest.raises(VideoError, match=r"v\.mp4: not a video that OpenCV can read, .* convert it to H\.264: ffmpeg"):
         read_video(tmp_path / "v.mp4")
