@@ -53,12 +53,14 @@ class Judgement(Checked):
         n_frames: number of frames of the video.
         violations: those that are more probable than not, in order of time.
         probability: that the video breaks any law.
+        notes: what a user should know about the judgement, one sentence each.
     """
 
     objects: tuple[SceneObject, ...]
     n_frames: PositiveCount
     violations: tuple[Violation, ...]
     probability: Share
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()

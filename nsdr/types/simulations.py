@@ -47,6 +47,7 @@ class Simulation(ArrayHolder):
             That an object is removed, added or moved is no entrance or exit.
         scene: the changed world, for questions. It holds no objects that are removed from frame 0; ids count what it holds. It
             knows no counterfactual events: simulate again with a further `Remove`.
+        notes: what a user should know about the simulation, one sentence each.
     """
 
     objects: tuple[SceneObject, ...]
@@ -60,6 +61,7 @@ class Simulation(ArrayHolder):
     original_events: tuple[Event, ...]
     events: tuple[Event, ...]
     scene: Scene
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
