@@ -1,6 +1,5 @@
 """The whole system: a video and a question go in, an answer with its trace comes out."""
 
-import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,13 +19,14 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.decoding import check_is_video
 from nsdr.io.device import resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.notes import Note, distinct, unsaid
 from nsdr.laws.judge import judge
 from nsdr.pipeline_config import PipelineConfig, pipeline_settings
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor
 from nsdr.symbolic.program import ProgramSource
-from nsdr.tracking.localization import size_warning
+from nsdr.tracking.localization import size_notes
 from nsdr.tracking.tracker import TrackerConfig, existence, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Judgement, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
@@ -147,12 +147,17 @@ class Pipeline:
                 part.to(name)
         return self
 
-    def frames(self, video: str | Path, beyond_cuts: bool = False) -> Iterator[NDArray[np.uint8]]:
-        """The frames (320, 480, 3) uint8 RGB of a video file that perception processes, with its warnings and errors.
+    def frames(
+        self, video: str | Path, beyond_cuts: bool = False, note: Note | None = None
+    ) -> Iterator[NDArray[np.uint8]]:
+        """The frames (320, 480, 3) uint8 RGB of a video file that perception processes, with its errors.
 
-        With `beyond_cuts`, those that are judged.
+        Args:
+            video: a video file.
+            beyond_cuts: whether to give those that are judged, also after a cut.
+            note: gets what is unusual about the video (see `Scene.notes`); None gives Python warnings.
         """
-        return clip_frames(video, self.video, beyond_cuts)
+        return clip_frames(video, self.video, beyond_cuts, note=note)
 
     def scene(self, video: str | Path) -> Scene:
         """The symbolic scene of a video file. Computed once for each content of the file.
@@ -191,7 +196,9 @@ class Pipeline:
             if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
                 self._kept.move_to_end(key)
                 return self._kept[key][1]
-            proposals = self.frame_parser.parse(self.frames(video), progress=self.progress)
+            notes: list[str] = []
+            proposals = self.frame_parser.parse(self.frames(video, note=notes.append), progress=self.progress)
+            proposals = replace(proposals, notes=distinct(proposals.notes, notes))
         probable = None
         if dynamics is None:
             if tracks is None:
@@ -203,16 +210,18 @@ class Pipeline:
                 short = f"there are only {tracks.n_frames}; --set tracker.min_frames=N takes fewer"
                 hint = short if tracks.n_frames <= least else "is it a CLEVRER clip?"
                 raise VideoError(f"{what}: no objects found in more than {least} frames; {hint}")
-            if video is not None and self.video.check != "off" and (warning := size_warning(tracks)):
-                warnings.warn(f"{video}: {warning}", stacklevel=2)
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
             more: list[Any] = [] if observed is None else [observed]
             if getattr(self.dynamics, "reads_images", False):
                 if video is None or proposals is None:
                     raise VideoError("this dynamics backend reads images; give videos in place of proposals or tracks")
-                more = [observed, VideoPixels(self.frames(video), proposals)]
+                more = [observed, VideoPixels(self.frames(video, note=unsaid), proposals)]
             dynamics = self.dynamics.predict(tracks, *more)
-        perception = Perception(proposals, tracks, dynamics, scene_from_prediction(dynamics, probable))
+        scene = scene_from_prediction(dynamics, probable)
+        if tracks is not None:
+            sizes = size_notes(tracks) if self.video.check != "off" else ()
+            scene = replace(scene, notes=distinct(tracks.notes, sizes))
+        perception = Perception(proposals, tracks, dynamics, scene)
         if key is not None:
             self._kept[key] = (parts, perception)
             while len(self._kept) > KEPT_VIDEOS:
@@ -245,8 +254,11 @@ class Pipeline:
         seen: Any = self.perceive(**given)
         backend: Any = self.dynamics
         if hasattr(backend, "simulate"):
-            return backend.simulate(seen.tracks, interventions, from_frame)
-        return simulate_removal(seen.dynamics, interventions, from_frame, type(self.dynamics).__name__)
+            found = backend.simulate(seen.tracks, interventions, from_frame)
+        else:
+            found = simulate_removal(seen.dynamics, interventions, from_frame, type(self.dynamics).__name__)
+        notes = distinct(seen.scene.notes, found.notes)
+        return replace(found, scene=replace(found.scene, notes=notes), notes=notes)
 
     def judge(self, video: str | Path) -> Judgement:
         """Which laws of CLEVRER's world a video breaks, by which objects, and when; see `nsdr.judge`.
@@ -254,21 +266,19 @@ class Pipeline:
         Raises:
             VideoError: as of `perceive` and of `nsdr.judge`.
         """
-        wrong = "; ".join(check_video(video, self.video).unfit)
+        wrong = check_video(video, self.video).unfit
         if not wrong or self.video.check != "refuse":
             proposals, late = self.proposals(video)
-            wrong = size_warning(track(proposals, self.tracker, self.camera))
+            wrong += size_notes(track(proposals, self.tracker, self.camera))
         if wrong and self.video.check == "refuse":
-            raise VideoError(f"{video}: cannot be judged: {wrong}. --force judges it all the same")
-        if wrong and self.video.check == "warn":
-            warnings.warn(f"{video}: {wrong}", stacklevel=2)
+            raise VideoError(f"{video}: cannot be judged: {'; '.join(wrong)}. --force judges it all the same")
         try:
             found = judge(proposals, self.tracker, self.camera, late)
         except VideoError as e:
             raise VideoError(f"{video}: {e}") from e
         if not found.objects:
             raise VideoError(f"{video}: no objects found in more than {self.tracker.min_frames} frames")
-        return found
+        return found if self.video.check == "off" else replace(found, notes=distinct(found.notes, wrong))
 
     def proposals(self, video: str | Path) -> tuple[VideoProposals, NDArray[np.floating[Any]]]:
         """What is judged: proposals in all frames of a video, also after a cut, and how much later each of the (F,) frames is
@@ -281,9 +291,11 @@ class Pipeline:
         key = (fingerprint(inputs=[Path(video)]), self.frame_parser, vars(self.frame_parser).get("stride"), self.video)
         if self._kept_proposals is None or self._kept_proposals[0] != key:
             late: list[float] = []
-            frames = clip_frames(video, self.video, beyond_cuts=True, late=late)
+            notes: list[str] = []
+            frames = clip_frames(video, self.video, beyond_cuts=True, late=late, note=notes.append)
             proposals = self.frame_parser.parse(frames, progress=self.progress)
-            self._kept_proposals = key, (proposals, np.array(late))
+            proposals = replace(proposals, notes=distinct(proposals.notes, notes))
+            self._kept_proposals = key, (proposals, np.array(late[: proposals.n_frames]))
         return self._kept_proposals[1]
 
     def answer(

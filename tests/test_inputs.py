@@ -282,7 +282,7 @@ def test_a_killed_run_goes_on_with_the_videos_that_are_left(tmp_path, monkeypatc
         done.append(video)
         if done == paths[:2]:
             raise KeyboardInterrupt
-        return {"video": str(video), "warnings": [], "error": f"{video}: no scene"}
+        return {"video": str(video), "error": f"{video}: no scene"}
 
     monkeypatch.setattr(batch, "judged", judged)
     assert main(command) == 130

@@ -17,7 +17,7 @@ from nsdr.generate.render.view import RenderConfig, view_of
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.storage import load, save
 from nsdr.pipeline import pipeline_settings
-from nsdr.tracking.localization import expected_size, ground_location, outline, size_ratio, size_warning
+from nsdr.tracking.localization import expected_size, ground_location, outline, size_notes, size_ratio
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.tracking.visibility import hidden_sides
 from nsdr.types import SceneObject, Track, VideoTracks
@@ -53,12 +53,12 @@ def test_expected_sizes_are_those_of_outlines() -> None:
 
 def test_sizes_that_do_not_fit_the_camera_are_doubtful() -> None:
     assert size_ratio(tracks((1.25, 1.0))) == pytest.approx([1.25, 1.0], abs=0.03)
-    assert size_warning(tracks((1.0, 1.0))) == ""
-    assert "1.2" in size_warning(tracks((1.25, 1.25)))
-    assert "0.7" in size_warning(tracks((0.75, 1.0)))
+    assert size_notes(tracks((1.0, 1.0))) == ()
+    assert "1.2" in "".join(size_notes(tracks((1.25, 1.25))))
+    assert "0.7" in "".join(size_notes(tracks((0.75, 1.0))))
     assert size_ratio(tracks((2.0, 2.0), n=1)) is None
-    assert size_warning(tracks((1.0, 1.0), camera=OTHER)) == ""
-    assert size_warning(replace(tracks((1.0, 1.0), camera=OTHER), camera=CLEVRER_CAMERA)) != ""
+    assert size_notes(tracks((1.0, 1.0), camera=OTHER)) == ()
+    assert size_notes(replace(tracks((1.0, 1.0), camera=OTHER), camera=CLEVRER_CAMERA)) != ()
 
 
 def test_a_camera_sees_its_target_in_the_middle_and_upright() -> None:

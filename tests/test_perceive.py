@@ -29,7 +29,6 @@ def videos(tmp_path):
     return folder
 
 
-@pytest.mark.filterwarnings("ignore:.*20 frames")
 def test_a_folder_is_parsed_skipping_what_is_done_and_what_fails(videos, tmp_path, capsys) -> None:
     output = tmp_path / "scenes"
     assert main(["parse-videos", str(videos), "-o", str(output), "--workers", "1", "--set", "stride=2"]) == 1
@@ -108,7 +107,6 @@ def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion,
         predict_dynamics(tmp_path / "none", output)
 
 
-@pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_split_is_evaluated_again_from_what_is_kept(videos, tmp_path, capsys, caplog) -> None:
     root = tmp_path / "root"
     (root / "videos").mkdir(parents=True)

@@ -1,7 +1,7 @@
 """What is behind the page to ask on, without a browser and without Gradio."""
 
 import threading
-import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +15,7 @@ from nsdr.apps import menus, web
 from nsdr.apps.clips import Clips
 from nsdr.apps.panels import rests_on
 from nsdr.clevrer.example import VIDEO
+from nsdr.clevrer.files.proposals import proposals_from_rows
 from nsdr.cli import serve
 from nsdr.cli.main import main
 from nsdr.io.video import video_seconds, write_video
@@ -33,22 +34,22 @@ class FakePipeline:
         self.frame_parser = SimpleNamespace(parse=self._parse)
         self.video = VideoConfig()
 
-    def frames(self, path: Path) -> Any:
-        warnings.warn(f"{path}: too dark", stacklevel=2)
+    def frames(self, path: Path, note: Callable[[str], object]) -> Any:
+        note(f"too dark: {path.name}")
         yield from np.zeros((4, 320, 480, 3), np.uint8)
 
-    def _parse(self, frames: Any) -> int:
+    def _parse(self, frames: Any) -> VideoProposals:
         self.inside += 1
         self.together |= self.inside > 1
         n = len(list(frames))
         threading.Event().wait(0.05)
         self.inside -= 1
-        return n
+        return proposals_from_rows(n, [])
 
-    def perceive(self, path: Path, proposals: int) -> Perception:
-        assert proposals == 4
+    def perceive(self, path: Path, proposals: VideoProposals) -> Perception:
+        assert proposals.n_frames == 4
         self.perceived += 1
-        return Perception(None, None, None, self.scene)
+        return Perception(proposals, None, None, replace(self.scene, notes=proposals.notes))
 
 
 @pytest.fixture
@@ -72,36 +73,13 @@ def test_clips_are_perceived_once_and_one_at_a_time(small_scene: Scene, clip_fil
     assert not pipeline.together
     clip = clips.watch(clip_files[0], lambda share, text: said.append(text))
     assert said == []  # known
-    assert clip.notes == ("too dark",)
+    assert clip.perception.scene.notes == ("too dark: 0.mp4",)
+    assert clips.watch(clip_files[1]).perception.scene.notes == ("too dark: 1.mp4",)
     assert clip.frames().shape == (4, 320, 480, 3)
     fresh = Clips(pipeline, 5)
     fresh.watch(clip_files[0], lambda share, text: said.append((round(share, 1), text)))
     assert said[0] == (0.0, "looking at frame 0")
     assert said[-1] == (1.0, "fitting the motion")
-
-
-def test_notes_of_a_clip_are_not_about_what_others_ask(small_scene: Scene, clip_files: list[Path]) -> None:
-    pipeline: Any = FakePipeline(small_scene)
-    in_work, asked = threading.Event(), threading.Event()
-
-    def perceive(path: Path, proposals: int) -> Perception:
-        in_work.set()
-        assert asked.wait(60)
-        warnings.warn("few frames were processed", stacklevel=2)
-        return Perception(None, None, None, small_scene)
-
-    def ask() -> None:
-        assert in_work.wait(60)
-        warnings.warn("'How many cylnders?': read 'cylnders' as 'cylinders'", stacklevel=2)
-        asked.set()
-
-    pipeline.perceive = perceive
-    other = threading.Thread(target=ask)
-    other.start()
-    with pytest.warns(UserWarning, match="cylnders"):
-        clip = Clips(pipeline, 5).watch(clip_files[0])
-    other.join()
-    assert clip.notes == ("too dark", "few frames were processed")
 
 
 def test_long_clips_and_other_files_are_refused_before_the_work(
@@ -177,7 +155,7 @@ def test_frames_after_a_cut_are_judged_too(small_scene: Scene, clip_files: list[
     none = np.zeros(0, int)
     proposals = VideoProposals(7, none, none, np.zeros(0), np.zeros((0, 2)), none, np.zeros((0, 4), int))
 
-    def frames(path: Path, beyond_cuts: bool = False) -> Any:
+    def frames(path: Path, beyond_cuts: bool = False, note: Any = None) -> Any:
         yield from np.zeros((7 if beyond_cuts else 4, 320, 480, 3), np.uint8)
 
     pipeline.frames, pipeline.tracker, pipeline.camera = frames, TrackerConfig(), CLEVRER_CAMERA

@@ -1,9 +1,7 @@
 """Clips that several visitors ask about at the same time, over one pipeline."""
 
 import threading
-import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from nsdr.errors import VideoError
 from nsdr.io.decoding import check_is_video
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.notes import distinct, unsaid
 from nsdr.io.video import video_seconds
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.tracking.tracker import track
@@ -36,13 +35,11 @@ class Clip:
     Attributes:
         path: its video file.
         perception: what was found in it.
-        notes: what is uncertain about it, a sentence each.
         jpegs: its frames as JPEG files, which takes a hundredth of the memory.
     """
 
     path: Path
     perception: Perception
-    notes: tuple[str, ...]
     jpegs: tuple[bytes, ...]
 
     def frames(self) -> NDArray[np.uint8]:
@@ -111,44 +108,22 @@ class Clips:
             VideoError: as of `watch`.
         """
         self.watch(path := Path(path))
-        with self._working, _notes(path):  # which are the clip's
+        with self._working:
             judgement, how = self.pipeline.judge(path), (self.pipeline.tracker, self.pipeline.camera)
-            frames = np.stack(list(self.pipeline.frames(path, beyond_cuts=True)))
+            frames = np.stack(list(self.pipeline.frames(path, beyond_cuts=True, note=unsaid)))
             return judgement, track(self.pipeline.proposals(path)[0], *how), frames
 
     def _perceived(self, path: Path, seconds: float, progress: Progress) -> Clip:
         jpegs: list[bytes] = []
+        notes: list[str] = []
 
         def frames() -> Iterator[NDArray[np.uint8]]:
-            for index, frame in enumerate(self.pipeline.frames(path)):
+            for index, frame in enumerate(self.pipeline.frames(path, note=notes.append)):
                 progress(min(index / max(seconds * FPS, 1), 1.0), f"looking at frame {index}")
                 jpegs.append(jpeg(frame))
                 yield frame
 
-        with _notes(path) as notes:
-            proposals = self.pipeline.frame_parser.parse(frames())
-            progress(1.0, "fitting the motion")
-            perception = self.pipeline.perceive(path, proposals=proposals)
-        return Clip(path, perception, tuple(dict.fromkeys(notes)), tuple(jpegs))
-
-
-@contextmanager
-def _notes(path: Path) -> Iterator[list[str]]:
-    """Collect the warnings about a clip: those of this thread, and those of helper threads, which name the clip.
-
-    Warnings about what other visitors ask meanwhile go where they went before.
-    """
-    notes: list[str] = []
-    show, thread = warnings.showwarning, threading.get_ident()
-
-    def take(message: Warning | str, category: type[Warning], *where: Any) -> None:
-        text = str(message)
-        if category is UserWarning and (threading.get_ident() == thread or text.startswith(f"{path}: ")):
-            notes.append(text.removeprefix(f"{path}: "))
-        else:
-            show(message, category, *where)
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        warnings.showwarning = take  # type: ignore[assignment]
-        yield notes
+        proposals = self.pipeline.frame_parser.parse(frames())
+        progress(1.0, "fitting the motion")
+        perception = self.pipeline.perceive(path, proposals=replace(proposals, notes=distinct(proposals.notes, notes)))
+        return Clip(path, perception, tuple(jpegs))

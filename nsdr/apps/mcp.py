@@ -1,9 +1,7 @@
 """An agent server: the pipeline as tools of the Model Context Protocol (https://modelcontextprotocol.io)."""
 
 import os
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, fields
 from functools import wraps
 from pathlib import Path
@@ -22,7 +20,8 @@ from nsdr.types.interventions import Intervention, intervention_text
 INSTRUCTIONS = """Tools that look at short videos of colliding objects (CLEVRER), answer questions about them, predict what
 comes next, and simulate what would happen if something were different. Videos are named by their path in one folder.
 Frames count from 0, 25 a second. Perceiving a video takes a few seconds the first time. Events are "in", "out" and "collision";
-the probability of a collision is null where it is not known."""
+the probability of a collision is null where it is not known. "notes" say what makes a result doubtful, and how a question was
+read."""
 KINDS = {"remove": Remove, "set_mass": SetMass, "set_velocity": SetVelocity, "move": Move, "freeze": Freeze, "add": Add}
 VIDEOS_NAMED = 20
 """Videos that a message names."""
@@ -95,7 +94,7 @@ class AgentTools:
     def perceive(self, video: str) -> dict[str, Any]:
         """Look at a video: its objects, its events (entrances, exits, collisions), the collisions predicted after its end, and
         those that are only possible."""
-        with self._working():
+        with self._lock:
             scene = self._pipeline.perceive(self._path(video)).scene
         uncertain = [d for d in scene.uncertain or () if d.removed is None]
         known = None if scene.uncertain is None else {d.event: d.probability for d in uncertain}
@@ -107,6 +106,7 @@ class AgentTools:
             "n_frames": scene.n_frames,
             "objects": [o.name for o in scene.objects],
             **{name: [_event(e, scene.objects, known) for e in events] for name, events in listed.items()},
+            "notes": list(scene.notes),
         }
 
     def ask(self, video: str, question: str, choices: list[str] | None = None) -> dict[str, Any]:
@@ -123,7 +123,7 @@ class AgentTools:
         """Simulate the video with changes at a frame, such as {"kind": "remove", "object": "red cube"} or {"kind": "set_mass",
         "object": "blue sphere", "factor": 2}, and say what happens differently ("no longer", "new", or "other frame" than the
         one `before`), with probabilities."""
-        with self._working():
+        with self._lock:
             s = self._pipeline.simulate(self._path(video), [c.intervention() for c in changes], from_frame)
         differences = [
             {
@@ -138,18 +138,13 @@ class AgentTools:
             "from_frame": s.from_frame,
             "differences": differences,
             "events": [_event(e, s.objects, s.probabilities) for e in s.events],
+            "notes": list(s.notes),
         }
-
-    @contextmanager
-    def _working(self) -> Iterator[None]:
-        with self._lock, warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
 
     def _answered(self, video: str, **asked: Any) -> dict[str, Any]:
         """The answer or the judged choices, how probable and why, and the executed program."""
         path = self._path(video)
-        with self._working():
+        with self._lock:
             scene = self._pipeline.perceive(path).scene
             found = self._pipeline.answer(path, **asked)
         choices = [
@@ -168,6 +163,7 @@ class AgentTools:
             "explanation": "" if choices else " ".join(reasons(found, scene)),
             "program": format_tree(found.trace) if found.trace else " ".join(found.program),
             "choices": choices,
+            "notes": list(found.notes),
         }
 
     def _path(self, video: str) -> Path:

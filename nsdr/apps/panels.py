@@ -87,4 +87,4 @@ def notes_panel(clip: Clip) -> str:
     """Name and length of the clip, and what is uncertain about it, as Markdown."""
     scene = clip.perception.scene
     head = f"**{clip.path.name}**: {scene.n_frames} frames, {len(scene.objects)} objects"
-    return "\n\n".join([head, *(f"Note: {note}" for note in clip.notes)])
+    return "\n\n".join([head, *(f"Note: {note}" for note in scene.notes)])

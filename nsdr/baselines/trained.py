@@ -1,7 +1,7 @@
 """A trained baseline: answers the questions of a file about videos whose features are known."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -16,7 +16,9 @@ from nsdr.baselines.features.files import KINDS, FeatureCache, Features, check_s
 from nsdr.clevrer.files.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
 from nsdr.errors import CheckpointError, DataError, NsdrError
 from nsdr.io.checkpoint import PretrainedPart, load_description, load_network
+from nsdr.io.notes import distinct
 from nsdr.question_parser.base import Parser, read_programs
+from nsdr.symbolic.program import Program
 from nsdr.types import Answer, ChoiceAnswer
 
 TEXTS_PER_BATCH = 64
@@ -132,22 +134,25 @@ class TrainedBaseline(PretrainedPart):
         """
         needs, texts = self.network.needs, list(choices or ())
         programs: list[tuple[str, ...] | None] = [None] * (1 + len(texts))
+        notes: list[str] = []
         if "program" in needs:
             assert parser is not None, f"{self.system} needs programs"
             asked, of_choices = read_programs(parser, question, choices)
             for program in of_choices or ():
                 if isinstance(program, NsdrError):
                     raise program
-            programs = [p.tokens for p in (asked, *(of_choices or ())) if not isinstance(p, NsdrError)]
+            read = [p for p in (asked, *(of_choices or ())) if isinstance(p, Program)]
+            programs = [p.tokens for p in read]
+            notes += distinct(*(p.notes for p in read))
         rows = tuple(
             Choice(i, text, program) for i, (text, program) in enumerate(zip(texts, programs[1:], strict=True))
         )
         row = Question(0, question, "explanatory" if texts else "descriptive", program=programs[0], choices=rows)
-        found = features_of(source, self.features, needs, str(self.device)) if self.features else {}
+        found = features_of(source, self.features, needs, notes.append, str(self.device)) if self.features else {}
         answer = self._answered(0, [row], _OneVideo(found))[0]
         if isinstance(answer, NsdrError):
             raise answer
-        return answer
+        return replace(answer, notes=distinct(notes))
 
     def _answered(
         self, scene_index: int, questions: Sequence[Question], features: Features | None

@@ -2,7 +2,7 @@
 
 import json
 import textwrap
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from nsdr.cli.common import (
     frames_of,
     is_scene,
     make_pipeline,
+    print_notes,
     question_parser,
     refuse_for_scene,
     refuse_idle,
@@ -19,6 +20,7 @@ from nsdr.cli.common import (
 )
 from nsdr.errors import DataError, EndpointError, NsdrError, QuestionError
 from nsdr.io.files import check_output
+from nsdr.io.notes import distinct
 from nsdr.io.storage import load
 from nsdr.types import Answer, Scene
 
@@ -72,12 +74,15 @@ def _answer_by_baseline(options: Any) -> int:
     reads = "program" in baseline.network.needs
     if not reads:
         refuse_idle(options, ("parser", "parser_model", "checkpoint"), f": {options.system} reads no programs")
+    unusual: tuple[str, ...] = ()
     if is_scene(options.video):
         refuse_idle(options, ("force", "background"), f": {options.video} is no video")
     else:
-        check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))
+        check = check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))
+        unusual = (*check.refused, *check.warned)
     parser = question_parser(options) if reads else None
-    _print_found(baseline.answer(options.video, options.question, options.choice or None, parser), options)
+    found = baseline.answer(options.video, options.question, options.choice or None, parser)
+    _print_found(replace(found, notes=distinct(unusual, found.notes)), options)
     return 0
 
 
@@ -86,6 +91,7 @@ def _print_found(found: Answer, options: Any) -> None:
         print(json.dumps(asdict(found)))
     else:
         _print_answer(found, options.trace)
+        print_notes(found.notes)
 
 
 def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
@@ -126,7 +132,9 @@ def parse_question(options: Any) -> int:
     errors = []
     for kind in kinds:
         try:
-            print(parser.parse(options.text, kind))
+            program = parser.parse(options.text, kind)
+            print(program)
+            print_notes(program.notes)
             return 0
         except EndpointError:
             raise
@@ -155,7 +163,9 @@ def execute(options: Any) -> int:
         raise DataError("--scene is empty; expected a file")
     scene: Any = read_predictions(options.scene) if options.semantics == "official" else load(Scene, options.scene)
     executor = Executor(scene, options.semantics, options.collisions)
-    _print_answer(executor.answer(options.program), options.trace, probable=False)
+    found = executor.answer(options.program)
+    _print_answer(found, options.trace, probable=False)
+    print_notes(found.notes)
     return 0
 
 

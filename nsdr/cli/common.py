@@ -1,8 +1,7 @@
 """What several commands share: options, the pipeline they ask for, saved scenes, and the line about failures."""
 
 import sys
-import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,6 +12,7 @@ from nsdr.errors import DataError
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import check_output
 from nsdr.io.jobs import ENGINES, FAILURES
+from nsdr.io.notes import unsaid
 from nsdr.io.reading import read_json
 
 Config = TypeVar("Config")
@@ -98,12 +98,22 @@ def make_pipeline(options: Any) -> Any:
 
 
 def frames_of(pipeline: Any, video: str | Path) -> Any:
-    """(F, 320, 480, 3) uint8, the frames that perception saw, without the warnings that it has given."""
+    """(F, 320, 480, 3) uint8, the frames that perception saw, whose notes the scene has."""
     import numpy as np
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return np.stack(list(pipeline.frames(video)))
+    return np.stack(list(pipeline.frames(video, note=unsaid)))
+
+
+def print_notes(notes: Iterable[str], about: str = "") -> None:
+    """Print what a user should know about a result, each on a line `note: …` of stderr, so that the result stays as it is.
+
+    Args:
+        notes: of the result.
+        about: the video, where a command works on several; it stands before each note.
+    """
+    sys.stdout.flush()
+    for note in notes:
+        print(f"note: {about and f'{about}: '}{note}", file=sys.stderr)
 
 
 def check_outputs(inputs: Sequence[str], *outputs: tuple[str | None, tuple[str, ...]]) -> None:

@@ -1,6 +1,5 @@
 """`nsdr parse-video`, `parse-videos`, `predict-dynamics` and `visualize`: what is seen in videos."""
 
-import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
@@ -16,6 +15,7 @@ from nsdr.cli.common import (
     frames_of,
     is_scene,
     make_pipeline,
+    print_notes,
     refuse_for_scene,
     refuse_idle,
     settings_of,
@@ -23,6 +23,7 @@ from nsdr.cli.common import (
 )
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output, check_output_folder, write_file
+from nsdr.io.notes import distinct
 from nsdr.io.storage import load, save
 from nsdr.types import Scene
 
@@ -60,6 +61,7 @@ def parse_video(options: Any) -> int:
         print(f"  object {o.id}: {o.name}")
     for event in scene.events:
         print(f"  {event_sentence(event, [o.name for o in scene.objects])}")
+    print_notes(scene.notes)
     return 0
 
 
@@ -158,8 +160,6 @@ def _print_judgement(row: dict[str, Any]) -> None:
     from nsdr.visualize.event_words import violation_text
     from nsdr.visualize.violations import judgement_of_row
 
-    for warning in row.get("warnings", ()):
-        print(f"warning: {row['video']}: {warning}", file=sys.stderr)
     if "error" in row:
         print(f"not judged: {row['error']}", flush=True)
         return
@@ -167,6 +167,7 @@ def _print_judgement(row: dict[str, Any]) -> None:
     print(f"{row['video']}: probability that a law is broken: {percent(found.probability)}", flush=True)
     for v in found.violations:
         print(f"  {violation_text(v, found.objects)}")
+    print_notes(found.notes, row["video"])
 
 
 def visualize_options(parser: Any) -> None:
@@ -211,6 +212,7 @@ def visualize(options: Any) -> int:
     for path, image in pictures:
         _write_picture(path, image, frames, p, answers, options.removed)
         print(path)
+    print_notes(distinct(p.scene.notes, *(answer.notes for answer in answers)))
     errors = [f"{choice.choice!r}: {choice.error}" for answer in answers for choice in answer.choices if choice.error]
     return failures_line(len(errors), len(options.choice), "choices", "".join(errors[:1]), options.keep_going)
 

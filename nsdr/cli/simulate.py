@@ -6,7 +6,7 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt
 
-from nsdr.cli.common import VIDEO, check_outputs, frames_of, is_scene, make_pipeline, shared_options
+from nsdr.cli.common import VIDEO, check_outputs, frames_of, is_scene, make_pipeline, print_notes, shared_options
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import check_installed
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
@@ -65,6 +65,7 @@ def simulate(options: Any) -> int:
     simulation = pipeline.simulate(options.video, interventions, options.from_frame)
     for line in _report(simulation):
         print(line)
+    print_notes(simulation.notes)
     if options.json is not None:
         from nsdr.io.files import write_json
 
@@ -190,4 +191,5 @@ def _document(s: Simulation) -> dict[str, Any]:
         "possible_collisions": possible,
         "original_location_world": positions(s.original.location_world),
         "location_world": positions(s.changed.location_world),
+        "notes": list(s.notes),
     }

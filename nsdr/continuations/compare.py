@@ -1,6 +1,5 @@
 """`compare_videos`: a folder of continuations beside the truth of a generated data set."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -29,7 +28,6 @@ from nsdr.dynamics import physics, propnet
 from nsdr.errors import DataError, VideoError
 from nsdr.evaluation.batch import worker_pipeline
 from nsdr.evaluation.measures import ratio_interval, wilson_interval
-from nsdr.frame_parser.check.video import clip_frames
 from nsdr.generate.dataset import Files
 from nsdr.generate.manifest import made_with
 from nsdr.generate.physics.bullet import BulletConfig
@@ -41,7 +39,7 @@ from nsdr.io.fingerprint import code_revision, fingerprint
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.io.video import RATE_TOLERANCE, frame_rate
-from nsdr.pipeline import Pipeline, PipelineConfig
+from nsdr.pipeline import Perception, Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS
@@ -203,18 +201,17 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
     pipeline = worker_pipeline(settings.checkpoint, settings.pipeline, settings.device)
     view = view_of(settings.render, document["seed"])
     pipeline.camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        generated, seen = (_proposals(pipeline, path) for path in (video.generated, video.seen))
-        end = min(generated.n_frames, seen.n_frames)
-        if end < cut + MIN_FOLLOWING_FRAMES:
-            least = f"expected at least {cut + MIN_FOLLOWING_FRAMES}, of which the first {cut} are given"
-            raise VideoError(f"{video.generated}: only {end} frames; {least}")
-        true = true_future(document, cut, end)
-        if not true.known:
-            raise DataError(f"{video.truth}: no object of the first {cut} frames is in the image later")
-        found = {GENERATED: _perceived(pipeline, generated, true), TRUTH: _perceived(pipeline, seen, true)}
-        found |= baselines(seen, pipeline.tracker, pipeline.camera, find_checkpoint(settings.checkpoint), true)
+    generated, seen = (_proposals(pipeline, path) for path in (video.generated, video.seen))
+    end = min(generated.n_frames, seen.n_frames)
+    if end < cut + MIN_FOLLOWING_FRAMES:
+        least = f"expected at least {cut + MIN_FOLLOWING_FRAMES}, of which the first {cut} are given"
+        raise VideoError(f"{video.generated}: only {end} frames; {least}")
+    true = true_future(document, cut, end)
+    if not true.known:
+        raise DataError(f"{video.truth}: no object of the first {cut} frames is in the image later")
+    perceptions = {GENERATED: pipeline.perceive(proposals=generated), TRUTH: pipeline.perceive(proposals=seen)}
+    found = {row: _perceived(p, true) for row, p in perceptions.items()}
+    found |= baselines(seen, pipeline.tracker, pipeline.camera, find_checkpoint(settings.checkpoint), true)
     runs = {row: bullet_runs(document, true, error, settings.runs, settings.physics) for row, error in FLOORS.items()}
     *others, nearest = runs
     futures = PossibleFutures(runs[nearest], true)
@@ -224,21 +221,22 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
     distance = np.linalg.norm(found[GENERATED].location_world - true.location_world, axis=-1)
     off = np.where(true.asked, distance, np.nan).round(4)
     objects = {true.objects[i].name: [None if np.isnan(d) else d for d in off[i].tolist()] for i in true.known}
-    write_json(output, {"rows": rows, "objects": objects, "warnings": sorted({str(w.message) for w in told})})
+    notes = {row: list(p.scene.notes) for row, p in perceptions.items() if p.scene.notes}
+    write_json(output, {"rows": rows, "objects": objects, "notes": notes})
 
 
 def _proposals(pipeline: Pipeline, path: Path) -> VideoProposals:
     """Of a video, beyond jumps that look like cuts, or of a file."""
     if path.suffix != ".mp4":
         return read_proposals(path)
-    return pipeline.frame_parser.parse(clip_frames(path, pipeline.video, beyond_cuts=True))
+    return pipeline.proposals(path)[0]
 
 
-def _perceived(pipeline: Pipeline, proposals: VideoProposals, true: TrueFuture) -> Continuation:
-    perception = pipeline.perceive(proposals=proposals)
-    assert perception.tracks is not None
-    collisions = [e for e in perception.scene.events if e.kind == "collision"]
-    return perceived(proposals, perception.tracks, collisions, true)
+def _perceived(p: Perception, true: TrueFuture) -> Continuation:
+    assert p.proposals is not None
+    assert p.tracks is not None
+    collisions = [e for e in p.scene.events if e.kind == "collision"]
+    return perceived(p.proposals, p.tracks, collisions, true)
 
 
 def _summed(sums: Sums) -> dict[str, float]:

@@ -1,7 +1,6 @@
 """What `nsdr compare-videos` writes beside the scores: a table, curves over the frames after the cut, and a page."""
 
 import html
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from nsdr.continuations.compare import GENERATED, ROWS
 from nsdr.continuations.score import MEASURES
 from nsdr.io.files import write_file, write_json
+from nsdr.io.notes import unsaid
 from nsdr.io.video import read_frames, spaced
 from nsdr.visualize.figures import figure_png, pyplot
 from nsdr.visualize.html_parts import figure_html, jpeg, write_page
@@ -136,7 +136,5 @@ def _frames(path: str, wanted: Sequence[int], fps: float) -> list[Any]:
     """Frames of a video, smaller; none of proposals."""
     if not path.endswith(".mp4"):
         return []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # scoring told them
-        frames = [frame for i, frame in enumerate(read_frames(path, fps=fps)) if i in wanted]
+    frames = [frame for i, frame in enumerate(read_frames(path, fps=fps, note=unsaid)) if i in wanted]
     return [cv2.resize(frame, SHOWN_SIZE_PX, interpolation=cv2.INTER_AREA) for frame in frames]

@@ -1,7 +1,6 @@
 """Opening a video: a file that OpenCV decodes (MP4 and others), an animated image, or a folder of images; and finding them."""
 
 import os
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from nsdr.errors import VideoError
 from nsdr.io.files import find_files
 from nsdr.io.images import has_images, is_animated, open_images
 from nsdr.io.limits import check_limit
+from nsdr.io.notes import Note
 from nsdr.world.physics_constants import FPS
 
 RATES = (1.0, 1000.0)
@@ -49,24 +49,24 @@ class OpenedVideo:
 
 
 @contextmanager
-def opened(path: Path, fps: float) -> Iterator[OpenedVideo]:
-    """An opened video, of `fps` frames a second where that is not 0."""
+def opened(path: Path, fps: float, note: Note) -> Iterator[OpenedVideo]:
+    """An opened video, of `fps` frames a second where that is not 0. Its uncertain or uneven frame rate is noted."""
     check_is_video(path)
     images = open_images(path)
     if images is None:
         with _captured(path) as capture:
             said = float(capture.get(cv2.CAP_PROP_FPS))
-            rate = _checked_rate(path, fps or said)
+            rate = _checked_rate(path, fps or said, note)
             n = max(float(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0.0)
             frames = _decoded(capture, path)
-            yield OpenedVideo(rate, n / rate, _evenly(frames, rate) if fps else _at_times(frames, path, rate))
+            yield OpenedVideo(rate, n / rate, _evenly(frames, rate) if fps else _at_times(frames, rate, note))
         return
     said = 0.0 if fps else images.rate
-    rate = _checked_rate(path, fps or said)
+    rate = _checked_rate(path, fps or said, note)
     if said:
         frames_each = np.diff(images.seconds) * rate  # writers join frames that are the same
         if np.abs(frames_each - frames_each.round()).max() > UNEVEN_SHARE:
-            warnings.warn(f"{path}: variable frame rate, resampled to {FPS} frames per second", stacklevel=2)
+            note(f"variable frame rate, resampled to {FPS} frames per second")
         times = [round(FPS * seconds, 6) for seconds in images.seconds]
         yield OpenedVideo(rate, images.seconds[-1], zip(times, images.frames(), strict=False))
     else:
@@ -74,11 +74,11 @@ def opened(path: Path, fps: float) -> Iterator[OpenedVideo]:
         yield OpenedVideo(rate, images.n_frames / rate, _evenly(frames, rate))
 
 
-def _checked_rate(path: Path, rate: float) -> float:
-    """A video's frame rate (1/s); CLEVRER's where it is 0, with a warning."""
+def _checked_rate(path: Path, rate: float, note: Note) -> float:
+    """A video's frame rate (1/s); CLEVRER's where it is 0, which is noted."""
     if not rate:
         remedy = "--fps gives the right one (in Python, VideoConfig.fps)"
-        warnings.warn(f"{path}: does not say its frame rate; taken as {FPS} per second; {remedy}", stacklevel=2)
+        note(f"does not say its frame rate; taken as {FPS} per second; {remedy}")
         return float(FPS)
     if not RATES[0] <= rate <= RATES[1]:
         expected = f"expected {RATES[0]:g} to {RATES[1]:g}"
@@ -129,18 +129,18 @@ def _evenly(frames: TimedFrames, rate: float) -> TimedFrames:
     return ((index * _step(rate), frame) for index, (_, frame) in enumerate(frames))
 
 
-def _at_times(frames: TimedFrames, path: Path, rate: float) -> TimedFrames:
-    """The frames at even times, unless the file says clearly otherwise; then a warning is given once."""
-    start, before, warned = 0.0, -1.0, False
+def _at_times(frames: TimedFrames, rate: float, note: Note) -> TimedFrames:
+    """The frames at even times, unless the file says clearly otherwise, which is noted once."""
+    start, before, noted = 0.0, -1.0, False
     for index, (shown, frame) in enumerate(frames):
         if index == 0:
             start = shown
         time = index * _step(rate)
         if shown > before and abs(shown - start - time) > UNEVEN:
             time = shown - start
-            if not warned:
-                warnings.warn(f"{path}: variable frame rate, resampled to {FPS} frames per second", stacklevel=2)
-            warned = True
+            if not noted:
+                note(f"variable frame rate, resampled to {FPS} frames per second")
+            noted = True
         before = shown
         yield time, frame
 

@@ -4,7 +4,6 @@
 """
 
 import math
-import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -20,6 +19,7 @@ from nsdr.errors import DataError, VideoError
 from nsdr.io.decoding import RATE_TOLERANCE, TimedFrames, opened, undecodable
 from nsdr.io.files import atomic_path, check_installed
 from nsdr.io.limits import check_limit, limits
+from nsdr.io.notes import Note, as_warnings, unsaid
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS, VIDEO_FRAMES
 
@@ -71,7 +71,7 @@ def read_video(path: str | Path, fps: float = 0.0) -> NDArray[np.uint8]:
 
     Another image size is scaled to fit, the rest filled with the mean colour, so that shapes keep their aspect;
     another frame rate is resampled: of a fast video the nearest frame in time is taken, the frames of a slow one are repeated
-    (the same array). Both warn, and so does a video of another length than CLEVRER's 128 frames.
+    (the same array). Both give Python warnings, and so does a video of another length than CLEVRER's 128 frames.
 
     Args:
         path: a video file, an animated image, or a folder of PNG or JPEG files whose names end with the frame's number.
@@ -88,22 +88,27 @@ def read_video(path: str | Path, fps: float = 0.0) -> NDArray[np.uint8]:
 
 
 def read_frames(
-    path: str | Path, layout: Layout | None = None, fps: float = 0.0, late: list[float] | None = None
+    path: str | Path,
+    layout: Layout | None = None,
+    fps: float = 0.0,
+    late: list[float] | None = None,
+    note: Note | None = None,
 ) -> Iterator[NDArray[np.uint8]]:
-    """Frames of `read_video` one by one, (320, 480, 3) each; the same warnings and errors.
+    """Frames of `read_video` one by one, (320, 480, 3) each, with its errors.
 
     Args:
         path, fps: as of `read_video`.
         layout: which part of the frames to use; None for all.
         late: gets, for each frame, how much later it was taken than at 25 a second (frames).
+        note: gets what is unusual about the video, until the last frame was read; None gives Python warnings.
     """
     path = Path(path)
-    layout = layout or Layout()
-    with opened(path, fps) as video:
+    layout, note = layout or Layout(), note or as_warnings(path)
+    with opened(path, fps, note) as video:
         if abs(video.rate - FPS) > RATE_TOLERANCE:
-            warnings.warn(f"{path}: {video.rate:g} frames per second, resampled to {FPS}", stacklevel=2)
+            note(f"{video.rate:g} frames per second, resampled to {FPS}")
         n = 0
-        for time, frame in _at_rate(_in_size(video.frames, path, layout), video.rate):
+        for time, frame in _at_rate(_in_size(video.frames, layout, note), video.rate):
             check_limit(n + 1, "frames", path, VideoError)
             if late is not None:
                 late.append(time - n)
@@ -112,11 +117,11 @@ def read_frames(
         if n == 0:
             raise undecodable(path)
         if n != VIDEO_FRAMES:
-            warnings.warn(f"{path}: {n} frames, CLEVRER's videos have {VIDEO_FRAMES}", stacklevel=2)
+            note(f"{n} frames, CLEVRER's videos have {VIDEO_FRAMES}")
 
 
 def sample_frames(path: str | Path, seconds: float, spacing: int, fps: float = 0.0) -> VideoSample:
-    """Every `spacing`-th frame, at 25 frames a second, of the first seconds of a video; warns of nothing.
+    """Every `spacing`-th frame, at 25 frames a second, of the first seconds of a video; notes nothing.
 
     Raises:
         VideoError: as of `read_video`.
@@ -124,7 +129,7 @@ def sample_frames(path: str | Path, seconds: float, spacing: int, fps: float = 0
     path = Path(path)
     frames: list[NDArray[np.uint8]] = []
     size = (0, 0)
-    with warnings.catch_warnings(action="ignore"), opened(path, fps) as video:
+    with opened(path, fps, unsaid) as video:
         for index, (_, frame) in enumerate(_at_rate(video.frames, video.rate)):
             if index >= seconds * FPS:
                 break
@@ -142,7 +147,7 @@ def video_seconds(path: str | Path, fps: float = 0.0) -> float:
     Raises:
         VideoError: as of `read_video`.
     """
-    with warnings.catch_warnings(action="ignore"), opened(Path(path), fps) as video:
+    with opened(Path(path), fps, unsaid) as video:
         return video.seconds
 
 
@@ -152,7 +157,7 @@ def frame_rate(path: str | Path) -> float:
     Raises:
         VideoError: as of `read_video`.
     """
-    with warnings.catch_warnings(action="ignore"), opened(Path(path), 0.0) as video:
+    with opened(Path(path), 0.0, unsaid) as video:
         return video.rate
 
 
@@ -171,14 +176,14 @@ def _at_rate(frames: TimedFrames, rate: float) -> TimedFrames:
         yield from repeat(held, max(round(time + FPS / rate), 1) - following)
 
 
-def _in_size(frames: TimedFrames, path: Path, layout: Layout) -> TimedFrames:
-    """The frames at 480x320; warns of another size."""
-    warned = False
+def _in_size(frames: TimedFrames, layout: Layout, note: Note) -> TimedFrames:
+    """The frames at 480x320; another size is noted."""
+    noted = False
     for time, frame in frames:
         height, width = frame.shape[:2]
-        if (height, width) != (HEIGHT_PX, WIDTH_PX) and not warned:
-            warnings.warn(f"{path}: {width}x{height} px, resized to {WIDTH_PX}x{HEIGHT_PX}", stacklevel=2)
-            warned = True
+        if (height, width) != (HEIGHT_PX, WIDTH_PX) and not noted:
+            note(f"{width}x{height} px, resized to {WIDTH_PX}x{HEIGHT_PX}")
+            noted = True
         is_right = (height, width) == (HEIGHT_PX, WIDTH_PX) and layout.box_xyxy_px is None
         yield time, frame if is_right else _fitted(frame, layout)
 

@@ -75,7 +75,8 @@ def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement
         if probability > 0.5:
             violations.append(Violation(*e[:-1], probability=probability))
     violations.sort(key=lambda v: (v.frame, v.law))
-    return Judgement(tuple(t.object for t in tracks.tracks), tracks.n_frames, tuple(violations), 1 - lawful)
+    objects = tuple(t.object for t in tracks.tracks)
+    return Judgement(objects, tracks.n_frames, tuple(violations), 1 - lawful, tracks.notes)
 
 
 def _check_processed(proposals: VideoProposals) -> None:

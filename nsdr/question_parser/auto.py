@@ -1,6 +1,5 @@
 """The default parser: rules, then what a text mentions, then a second parser, whose programs are checked."""
 
-import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property, partial
 from itertools import pairwise
@@ -109,7 +108,7 @@ class AutoParser(Parser):
         return parser.to(self._device) if self._device and hasattr(parser, "to") else parser
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As of `Parser`. A program that is not of the rules comes with a warning that says what was understood."""
+        """As of `Parser`. A program that is not of the rules has a note that says what was understood."""
         found = self.grammar.parse_batch(texts, kind)
         unread: list[int] = []
         for i, text in enumerate(texts):
@@ -129,8 +128,7 @@ class AutoParser(Parser):
 
 
 def _understood(text: str, program: Program) -> Program:
-    warnings.warn(f"{text!r}: understood as {in_words(program)!r}", stacklevel=4)
-    return program
+    return program.with_notes(f"read {text!r} as {in_words(program)!r}")
 
 
 def _networks(folder: str | Path) -> Parser:

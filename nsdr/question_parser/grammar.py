@@ -5,7 +5,6 @@ order matters. What has no reading is refused, with what is understood without s
 """
 
 import unicodedata
-import warnings
 from collections.abc import Sequence
 
 from nsdr.errors import NsdrError, ProgramError, QuestionError
@@ -43,7 +42,7 @@ class GrammarParser(Parser):
         self.extensions = extensions
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As of `Parser`; misspelt words that are corrected are warned of."""
+        """As of `Parser`; misspelt words that are corrected are noted."""
         found: list[Program | NsdrError] = []
         for text in texts:
             try:
@@ -55,18 +54,18 @@ class GrammarParser(Parser):
 
     def _parsed(self, text: str, kind: str) -> Program:
         programs = extension_readings(text, kind) if self.extensions else []
+        notes: list[str] = []
         if not programs:
             normal = normal_form(text)
             if normal.left_out:
                 raise NoReadingError(f"unknown word {normal.left_out[0]!r}: {_refusal(text, kind)}")
-            for word, known in normal.corrections:
-                warnings.warn(f"{text!r}: read {word!r} as {known!r}", stacklevel=5)
+            notes += [f"read {word!r} as {known!r}" for word, known in normal.corrections]
             programs = readings(text, kind)
         if len(programs) > 1:
             texts = " or as ".join(repr(_said(program)) for program in programs)
             raise QuestionError(f"{text!r} can be read as {texts}; {REMEDY}")
         if programs:
-            return Program.parse(programs[0])
+            return Program.parse(programs[0]).with_notes(*notes)
         if any(readings(text, other) for other in TEXT_KINDS):
             raise another_kind(text, kind)
         raise NoReadingError(_refusal(text, kind))

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
+from nsdr.io.notes import distinct
 from nsdr.symbolic.failures import failure
 from nsdr.symbolic.modules import EXTENSIONS, Kind, as_set
 from nsdr.symbolic.official import OfficialExecutor
@@ -109,7 +110,8 @@ class Executor:
         trace = self._trace(parsed.steps, values)
         is_list = parsed.result == Kind.EVENTS
         text = "\n".join(self.world.sentences(values[-1])) or "none" if is_list else trace[-1].text
-        return Answer(question, parsed.tokens, text, trace, probability=self._probability(parsed, values[-1]))
+        notes = distinct(self.scene.notes, parsed.notes)
+        return Answer(question, parsed.tokens, text, trace, (), self._probability(parsed, values[-1]), notes)
 
     def judge(
         self,
@@ -137,7 +139,9 @@ class Executor:
         answers = self._supposing(lambda e: e._judged(parsed, choices))
         scores = self._prediction_scores(parsed, answers)
         answers = self._with_probabilities(answers) if scores is None else self._exactly_one(answers, *scores)
-        return Answer(question, parsed.tokens, None, (), tuple(answers))
+        of_choices = (choice.notes for _, choice in choices if isinstance(choice, Program))
+        notes = distinct(self.scene.notes, parsed.notes, *of_choices)
+        return Answer(question, parsed.tokens, None, (), tuple(answers), notes=notes)
 
     def _judged(
         self, question: Program, choices: Sequence[tuple[str, ProgramSource | NsdrError]]

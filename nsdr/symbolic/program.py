@@ -1,12 +1,13 @@
 """Programs: postfix token lists, checked against the signature table before they run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 from nsdr.errors import ProgramError
 from nsdr.io.limits import limits
+from nsdr.io.notes import distinct
 from nsdr.symbolic.modules import ALL_WORDS, ARITY, DISPATCH, MODULES, Kind, Module
 
 START_TOKENS = ("<START>", "<start>")
@@ -58,17 +59,19 @@ class Program:
     There are three sorts: programs that answer a question (`result` is a number, truth value or attribute), programs of
     choices (`result` is an event or object), and programs that judge a choice (`needs_choice`).
 
-    Programs with equal tokens are equal. Pickling and copying keep the tokens and parse them again.
+    Programs with equal tokens are equal. Pickling and copying keep the tokens, which are parsed again, and the notes.
 
     Attributes:
         tokens: postfix tokens in the data set's spelling.
         steps: one per token.
         needs_choice: whether its `belong_to` takes the event or object of a choice.
+        notes: what a user should know about how a parser read the program's text, one sentence each.
     """
 
     tokens: tuple[str, ...]
     steps: tuple[Step, ...] = field(repr=False, compare=False)
     needs_choice: bool = field(default=False, compare=False)
+    notes: tuple[str, ...] = field(default=(), repr=False, compare=False)
 
     @property
     def result(self) -> Kind:
@@ -97,13 +100,21 @@ class Program:
             raise ProgramError(f"the choice's program gives a {self.result}; expected an event or object")
         if not question.needs_choice:
             raise ProgramError("the question's program takes no choice; expected one that ends in belong_to")
-        return _checked(self.tokens + question.tokens)
+        return _checked(self.tokens + question.tokens).with_notes(*self.notes, *question.notes)
+
+    def with_notes(self, *notes: str) -> "Program":
+        """The same program with further notes."""
+        return replace(self, notes=distinct(self.notes, notes)) if notes else self
 
     def __str__(self) -> str:
         return " ".join(self.tokens)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Program.parse, (self.tokens,)
+        return _restored, (self.tokens, self.notes)
+
+
+def _restored(tokens: tuple[str, ...], notes: tuple[str, ...]) -> Program:
+    return _checked(tokens).with_notes(*notes)
 
 
 CACHED_PROGRAMS = 1 << 16

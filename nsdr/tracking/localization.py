@@ -150,15 +150,15 @@ def size_ratio(tracks: VideoTracks) -> NDArray[np.float64] | None:
     return np.asarray(np.quantile(ratios, SIZE_QUANTILE, axis=0)) if len(ratios) >= MIN_OBJECTS else None
 
 
-def size_warning(tracks: VideoTracks) -> str:
-    """What is wrong with the sizes of a video's objects: other cameras, zoom and stretching show there; "" if nothing is."""
+def size_notes(tracks: VideoTracks) -> tuple[str, ...]:
+    """What is wrong with the sizes of a video's objects, if anything is: other cameras, zoom and stretching show there."""
     ratio = size_ratio(tracks)
     if ratio is None:
-        return ""
+        return ()
     width, height = ratio / TYPICAL_RATIO
     if max(width, height, 1 / width, 1 / height) <= MAX_RATIO:
-        return ""
+        return ()
     return (
         f"objects look {width:.2f} times as wide and {height:.2f} times as high as they should at their places: cropped, "
-        "zoomed, stretched, or another camera; positions and collisions may be wrong"
+        "zoomed, stretched, or another camera; positions and collisions may be wrong",
     )

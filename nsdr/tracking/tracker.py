@@ -1,7 +1,6 @@
 """Proposals of single frames -> tracks of objects through the video; and tracks from annotations, as a perfect tracker's."""
 
 import math
-import warnings
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -115,11 +114,11 @@ def track(
     """
     c, processed = config or TrackerConfig(), proposals.processed
     spacing = 1.0 if processed is None or len(processed) < 2 else float(np.median(np.diff(processed)))
+    notes = [*proposals.notes]
     if spacing > MAX_SPACING_FRAMES:
-        warnings.warn(
+        notes.append(
             f"one frame in {spacing:g} (of 25 per second) was processed: above {MAX_SPACING_FRAMES}, collisions are missed and "
-            "misplaced; lower the stride (`--set stride=N`), or use a video with more frames per second",
-            stacklevel=2,
+            "misplaced; lower the stride (`--set stride=N`), or use a video with more frames per second"
         )
     kept = np.flatnonzero(proposals.score > c.score)
     positions = _positions(proposals, kept, camera)
@@ -135,7 +134,7 @@ def track(
     tracks = [t for t in tracks if not any(_is_duplicate(t, o) for o in tracks)]
     tracks.sort(key=lambda t: (int(t.frame_index[0]), t.object.name))
     numbered = [replace(t, object=replace(t.object, id=i)) for i, t in enumerate(tracks)]
-    return VideoTracks(proposals.n_frames, tuple(numbered), camera)
+    return VideoTracks(proposals.n_frames, tuple(numbered), camera, tuple(notes))
 
 
 def _iou(boxes: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:

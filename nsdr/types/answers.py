@@ -64,8 +64,8 @@ class Answer:
         probability: that the answer is right as far as the scene is known: its collisions, and in a perceived scene its
             objects, the frames of its events, and motion near its limit; None where the scene does not say which collisions are
             uncertain (`Scene.uncertain`), and for a multiple-choice question, whose choices have their own.
-        notes: what a user should know about the answer, one sentence each: how the question was read, how the video differs
-            from what is expected.
+        notes: what a user should know about the answer, one sentence each: those of the scene, then how the question and
+            its choices were read.
     """
 
     question: str

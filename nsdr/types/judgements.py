@@ -53,7 +53,7 @@ class Judgement(Checked):
         n_frames: number of frames of the video.
         violations: those that are more probable than not, in order of time.
         probability: that the video breaks any law.
-        notes: what a user should know about the judgement, one sentence each.
+        notes: what a user should know about the judgement, one sentence each: how the video differs from CLEVRER's.
     """
 
     objects: tuple[SceneObject, ...]

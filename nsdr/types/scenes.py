@@ -170,6 +170,8 @@ class Scene(ArrayHolder):
         physics: velocities and masses, for questions beyond CLEVRER; None where they are not known.
         existence: (n_objects,) float, how probable it is that each object is there, in a scene that was perceived: one whose
             events may be a frame off. None for true scenes.
+        notes: what a user should know about the video and how it was perceived, one sentence each. Answers about the scene
+            carry them, too.
     """
 
     objects: tuple[SceneObject, ...]
@@ -184,6 +186,7 @@ class Scene(ArrayHolder):
     uncertain: tuple[UncertainCollision, ...] | None = None
     physics: ObjectPhysics | None = None
     existence: Annotated[FloatArray, Array("objects", low=0, high=1)] | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -47,7 +47,8 @@ class Simulation(ArrayHolder):
             That an object is removed, added or moved is no entrance or exit.
         scene: the changed world, for questions. It holds no objects that are removed from frame 0; ids count what it holds. It
             knows no counterfactual events: simulate again with a further `Remove`.
-        notes: what a user should know about the simulation, one sentence each.
+        notes: what a user should know about the simulation, one sentence each: how the video differs from CLEVRER's. `scene`
+            has them, too.
     """
 
     objects: tuple[SceneObject, ...]

@@ -54,6 +54,7 @@ class VideoProposals(ArrayHolder):
         box_xyxy_px: (N, 4) int, bounding box (left, top, right, bottom) of the mask, end exclusive.
         masks: N COCO run-length strings of the (320, 480) masks; None where only the numbers are known.
         processed: (P,) int, ascending frames that the detector processed; None for all.
+        notes: what a user should know about the video as it was read, one sentence each.
     """
 
     n_frames: PositiveCount
@@ -65,6 +66,7 @@ class VideoProposals(ArrayHolder):
     box_xyxy_px: Annotated[IntArray, Array("n", 4)]
     masks: tuple[str, ...] | None = None
     processed: Annotated[IntArray, Array("processed frames")] | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -111,11 +113,13 @@ class VideoTracks(Checked):
         n_frames: number of frames of the video.
         tracks: one per object, in the order of object ids.
         camera: that took the video; the positions follow from it.
+        notes: what a user should know about the video and how it was tracked, one sentence each.
     """
 
     n_frames: PositiveCount
     tracks: tuple[Track, ...]
     camera: Camera = CLEVRER_CAMERA
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,7 +1,6 @@
 """Judged videos as HTML: which laws each breaks, on a timeline and in frames with boxes around the objects."""
 
 import html
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.io.notes import unsaid
 from nsdr.pipeline import Pipeline
 from nsdr.symbolic.traces import percent
 from nsdr.tracking.tracker import track
@@ -72,10 +72,8 @@ def judged_video(pipeline: Pipeline, row: Mapping[str, Any]) -> JudgedVideo:
     judgement = judgement_of_row(row)
     if not judgement.violations:
         return JudgedVideo(path, judgement)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they were given when it was judged
-        frames = np.stack(list(pipeline.frames(path, beyond_cuts=True)))
-        tracks = track(pipeline.proposals(path)[0], pipeline.tracker, pipeline.camera)
+    frames = np.stack(list(pipeline.frames(path, beyond_cuts=True, note=unsaid)))  # the judgement has the notes
+    tracks = track(pipeline.proposals(path)[0], pipeline.tracker, pipeline.camera)
     return JudgedVideo(path, judgement, judgement_html(judgement, tracks, frames))
 
 

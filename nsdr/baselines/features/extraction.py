@@ -1,6 +1,5 @@
 """Extraction of features from videos, on many processes and resumable: `nsdr extract-features`."""
 
-import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache, partial
@@ -40,6 +39,7 @@ from nsdr.io.device import limit_threads, resolve_device, resolve_precision
 from nsdr.io.files import find_files, locked, write_file, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import ENGINES, Job, run_jobs
+from nsdr.io.notes import Note, unsaid
 from nsdr.io.reading import read_json
 from nsdr.io.video import read_frames, spaced
 from nsdr.types import VideoProposals
@@ -90,7 +90,7 @@ class FeatureExtraction(_Extraction):
 
     def features_of(self, video: Path) -> dict[str, NDArray[Any]]:
         """The features of a video by kind."""
-        return _extractor(self.features, self.device)(frames_of(video))
+        return _extractor(self.features, self.device)(frames_of(video, unsaid))
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def annotation_features(annotation: str | Path, config: WordConfig) -> dict[str,
 
 
 def features_of(
-    source: str | Path, made: Mapping[str, Any], needs: Collection[str], device: str = "auto"
+    source: str | Path, made: Mapping[str, Any], needs: Collection[str], note: Note, device: str = "auto"
 ) -> dict[str, NDArray[Any]]:
     """The features of one video, made as those that a network learnt from.
 
@@ -199,6 +199,7 @@ def features_of(
             objects are then those that the default frame parser finds.
         made: `features` of the manifest of those.
         needs: kinds of features.
+        note: gets what is unusual about the video.
         device: where networks run.
 
     Returns:
@@ -217,13 +218,13 @@ def features_of(
     if is_annotation:
         return as_inputs(_rounded(annotation_features(source, config)))
     if from_words:
-        frames = frames_of(source)
+        frames = frames_of(source, note)
         chosen = np.stack([frames[i] for i in spaced(len(frames), config.frames)])
         found = FrameParser.from_pretrained("default", device).parse(chosen)
         return as_inputs(_rounded(detected_features(found, config)))
     extractor = FeatureExtractor(config, device)
     check_settings(extractor.config.manifest()["features"], made, needs, "the weights that are found here: ")
-    return as_inputs(extractor(frames_of(source)))
+    return as_inputs(extractor(frames_of(source, note)))
 
 
 def find_videos(root: str | Path) -> dict[int, Path]:
@@ -252,11 +253,9 @@ def _extractor(config: FeatureConfig, device: str) -> "FeatureExtractor":
     return FeatureExtractor(config, device)
 
 
-def frames_of(video: str | Path) -> list[NDArray[np.uint8]]:
-    """All frames (320, 480, 3) of a video; of another size or number without a warning, as they are scaled and chosen."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*(resized to|frames, CLEVRER's videos have)")
-        return list(read_frames(video))
+def frames_of(video: str | Path, note: Note) -> list[NDArray[np.uint8]]:
+    """All frames (320, 480, 3) of a video; what is unusual about it is noted."""
+    return list(read_frames(video, note=note))
 
 
 class FeatureExtractor:

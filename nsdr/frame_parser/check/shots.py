@@ -1,14 +1,13 @@
 """Where a video jumps: cuts, and the jump back of a clip that is repeated."""
 
-import warnings
 from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.io.notes import Note
 from nsdr.world.physics_constants import FPS
 
 GRAY_SIZE = (120, 80)
@@ -46,8 +45,8 @@ def until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return frames
 
 
-def first_shot(frames: Iterator[NDArray[np.uint8]], path: str | Path, max_frames: int) -> Iterator[NDArray[np.uint8]]:
-    """The frames (height, width, 3) before the first cut, at most `max_frames`; what is left out is warned of.
+def first_shot(frames: Iterator[NDArray[np.uint8]], max_frames: int, note: Note) -> Iterator[NDArray[np.uint8]]:
+    """The frames (height, width, 3) before the first cut, at most `max_frames`; what is left out is noted.
 
     Frames that are repeated count as one for the changes.
     """
@@ -59,17 +58,30 @@ def first_shot(frames: Iterator[NDArray[np.uint8]], path: str | Path, max_frames
         after = 0.0 if last is None or frame is last else change(last, frame)
         if after > SAME:
             if n and is_cut(before, now, after):
-                what = f"a cut after {n} frames ({n / FPS:.1f} s)"
-                warnings.warn(f"{path}: {what}; only what is before it is used", stacklevel=2)
+                note(f"a cut after {n} frames ({n / FPS:.1f} s); only what is before it is used")
                 return
             yield from held
             n += len(held)
             held, before, now, last = [], now, after, frame
         if n + len(held) == max_frames:
             yield from held
-            what = f"longer than {max_frames} frames ({max_frames / FPS:.1f} s)"
-            warnings.warn(f"{path}: {what}; the rest is left out (setting video.max_frames)", stacklevel=2)
+            note(too_long(max_frames))
             return
         held.append(frame)
         last = frame if last is None else last
     yield from held
+
+
+def first_frames(frames: Iterator[NDArray[np.uint8]], max_frames: int, note: Note) -> Iterator[NDArray[np.uint8]]:
+    """The first `max_frames` frames, also those after a cut; that there are more is noted."""
+    for index, frame in enumerate(frames):
+        if index == max_frames:
+            note(too_long(max_frames))
+            return
+        yield frame
+
+
+def too_long(max_frames: int) -> str:
+    """The note about a video with more frames than are processed."""
+    seconds = max_frames / FPS
+    return f"longer than {max_frames} frames ({seconds:.1f} s); the rest is left out (setting video.max_frames)"

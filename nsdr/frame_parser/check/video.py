@@ -1,10 +1,8 @@
 """Is a video one of CLEVRER's scenes? A look at its first seconds, before the expensive work."""
 
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,8 +21,9 @@ from nsdr.frame_parser.check.reasons import (
     needed_levels,
     reasons,
 )
-from nsdr.frame_parser.check.shots import first_shot, until_cut
+from nsdr.frame_parser.check.shots import first_frames, first_shot, until_cut
 from nsdr.io.decoding import RATES, check_is_video
+from nsdr.io.notes import Note, as_warnings
 from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
 from nsdr.validation import FloatArray, PositiveCount, Settings
 
@@ -108,31 +107,34 @@ def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoChe
 
 
 def clip_frames(
-    path: str | Path, config: VideoConfig | None = None, beyond_cuts: bool = False, late: list[float] | None = None
+    path: str | Path,
+    config: VideoConfig | None = None,
+    beyond_cuts: bool = False,
+    late: list[float] | None = None,
+    note: Note | None = None,
 ) -> Iterator[NDArray[np.uint8]]:
     """The frames (H, W, 3) of `nsdr.io.video.read_frames` that are processed: checked, without padding, up to the first cut.
-
-    Warns of all that is unusual.
 
     Args:
         path: video file.
         config: what is expected; None for CLEVRER's videos.
         beyond_cuts: whether frames after a cut are processed, too: where objects jump, a video may seem to have one.
         late: as of `nsdr.io.video.read_frames`.
+        note: gets all that is unusual, until the last frame was read; None gives Python warnings.
 
     Raises:
         VideoError, DataError: as of `check_video`, or no frame shows anything; before the first frame.
     """
-    config = config or VideoConfig()
+    config, note = config or VideoConfig(), note or as_warnings(path)
     check = check_video(path, config)
     for reason in (*check.refused, *check.warned):
-        warnings.warn(f"{path}: {reason}", stacklevel=2)
-    frames = read_frames(path, check.layout, config.fps, late)
+        note(reason)
+    frames = read_frames(path, check.layout, config.fps, late, note)
     if config.check == "off":
         yield from frames
         return
-    shown = _without_empty_start(frames, path, late)
-    shot = islice(shown, config.max_frames) if beyond_cuts else first_shot(shown, path, config.max_frames)
+    used = first_frames if beyond_cuts else first_shot
+    shot = used(_without_empty_start(frames, path, late, note), config.max_frames, note)
     yield from shot if check.levels is None else _corrected(shot, check.levels)
 
 
@@ -146,7 +148,7 @@ def _corrected(frames: Iterator[NDArray[np.uint8]], levels: NDArray[np.uint8]) -
 
 
 def _without_empty_start(
-    frames: Iterator[NDArray[np.uint8]], path: str | Path, late: list[float] | None
+    frames: Iterator[NDArray[np.uint8]], path: str | Path, late: list[float] | None, note: Note
 ) -> Iterator[NDArray[np.uint8]]:
     empty = 0
     for frame in frames:
@@ -156,8 +158,7 @@ def _without_empty_start(
     else:
         raise VideoError(f"{path}: shows nothing; each of its {empty} frames is of one colour")
     if empty:
-        what = f"the first {empty} frames show nothing; they are left out, and frames counted from there"
-        warnings.warn(f"{path}: {what}", stacklevel=2)
+        note(f"the first {empty} frames show nothing; they are left out, and frames counted from there")
     if late is not None:
         del late[:empty]
     yield frame

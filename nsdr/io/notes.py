@@ -1,0 +1,23 @@
+"""What a user should know about a result: said while the result is made, and kept as its `notes`."""
+
+import warnings
+from collections.abc import Callable, Iterable
+from itertools import chain
+from pathlib import Path
+
+Note = Callable[[str], object]
+"""Takes one thing that a user should know, without the name of the file that it is about; `list.append` keeps it."""
+
+
+def as_warnings(path: str | Path) -> Note:
+    """Python warnings that begin with the file's name, for functions whose results carry no notes."""
+    return lambda text: warnings.warn(f"{path}: {text}", stacklevel=3)
+
+
+def unsaid(_: str) -> None:
+    """Drops a note, where a result that is made of the same file has it already."""
+
+
+def distinct(*groups: Iterable[str]) -> tuple[str, ...]:
+    """Notes from several places in their order, each of them once."""
+    return tuple(dict.fromkeys(chain.from_iterable(groups)))
