@@ -217,7 +217,8 @@ class Pipeline:
                     raise VideoError("this dynamics backend reads images; give videos in place of proposals or tracks")
                 more = [observed, VideoPixels(self.frames(video, note=unsaid), proposals)]
             dynamics = self.dynamics.predict(tracks, *more)
-        scene = scene_from_prediction(dynamics, probable)
+        camera = self.camera if tracks is None else tracks.camera
+        scene = scene_from_prediction(dynamics, probable, camera)
         if tracks is not None:
             sizes = size_notes(tracks) if self.video.check != "off" else ()
             scene = replace(scene, notes=distinct(tracks.notes, sizes))
@@ -313,13 +314,13 @@ class Pipeline:
         Args:
             video_or_scene: a video file, or a scene from anywhere.
             question: in CLEVRER's English; may be left out when `program` is given.
-            choices: options of a multiple-choice question.
+            choices: options of a multiple-choice question, or candidates for the answer of a descriptive one.
             program, choice_programs: programs to run instead of parsing the texts.
 
         Raises:
             VideoError: the video cannot be read.
-            QuestionError: the question fits no program, or a multiple-choice question has no choices or the reverse. Names the
-                nearest questions, for a scene about its objects.
+            QuestionError: the question fits no program (names the nearest questions, for a scene about its objects), or a
+                multiple-choice question has no choices.
             ProgramError, ExecutionError: a given program is malformed, or the question's program does not fit the scene.
         """
         if isinstance(video_or_scene, str | Path):
@@ -336,6 +337,6 @@ class Pipeline:
 
         executor = Executor(scene, simulate=collisions_with if given is None else None)
         if parsed_choices is None:
-            return executor.answer(parsed, question)
+            return executor.answer(parsed, question, choices or ())
         texts = choices or [str(p) for p in parsed_choices]
         return executor.judge(parsed, list(zip(texts, parsed_choices, strict=True)), question)

@@ -20,7 +20,7 @@ from nsdr.cli.main import main
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.physics.solver import log_mass_covariance
 from nsdr.dynamics.physics.trajectory_fit import _Problem, fit_trajectories
-from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.dynamics.scene import motion_px, scene_from_prediction
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.questions.candidates import EXTENSION_KINDS, changed_questions
@@ -29,10 +29,10 @@ from nsdr.generate.scene_files import annotation_document, truth_document
 from nsdr.io import storage
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.language.slots import Slot, with_filters
-from nsdr.language.texts import clevrer
+from nsdr.language.texts import clevrer, in_words
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.question_parser.auto import AutoParser
-from nsdr.question_parser.grammar import extension_readings
+from nsdr.question_parser.grammar import GrammarParser, extension_readings
 from nsdr.rewards import exact
 from nsdr.symbolic import format_trace
 from nsdr.tracking.tracker import tracks_from_annotation
@@ -483,3 +483,67 @@ def test_bullet_repeats_the_truth_and_says_so_if_not(truths) -> None:
 def test_what_ifs_need_the_extension() -> None:
     with pytest.raises(DataError, match="changed_per_video: expected 0 without extensions"):
         QuestionConfig(changed_per_video=1)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "In which direction does the red cube move in the video?",
+        "What direction is the red cube moving in within the video?",
+        "Which direction is the red cube moving?",
+        "Can you identify the direction of the red cube's movement in the video?",
+        "What is the direction of the red cube's motion?",
+        "In what direction is the red cube moving throughout the video?",
+    ],
+)
+def test_directions_in_the_image_are_always_read(text: str) -> None:
+    assert str(GrammarParser().parse(text)) == f"{RED} query_image_direction"
+    assert str(GrammarParser().parse(in_words(f"{RED} query_image_direction"))) == f"{RED} query_image_direction"
+
+
+def test_moving_in_the_video_is_not_entering_it() -> None:
+    for text in ("Does the red cube move in the video?", "Is the red cube moving in the clip?"):
+        assert str(GrammarParser().parse(text)) == f"{RED} null filter_moving exist"
+    assert "filter_in" in str(GrammarParser().parse("Does the red cube move into the scene?"))
+
+
+@pytest.mark.parametrize(
+    ("motion_px", "answer", "least", "most"),
+    [
+        ((-80.0, -40.0), "up and to the left", 0.99, 1.0),
+        ((80.0, 40.0), "down and to the right", 0.99, 1.0),
+        ((80.0, -0.1), "up and to the right", 0.5, 0.6),  # right for sure, but neither up nor down
+    ],
+)
+def test_directions_in_the_image_are_sure_away_from_the_axes(
+    known: Scene, motion_px: tuple[float, float], answer: str, least: float, most: float
+) -> None:
+    scene = replace(known, motion_px=np.array([motion_px] * 4))
+    options = ["Up and to the left.", "Down and to the right.", "Up and to the right.", "The object is stationary."]
+    found = Executor(scene).answer(f"{RED} query_image_direction", candidates=options)
+    assert found.answer == answer
+    assert least <= (found.probability or 0) <= most
+    assert sum(c.answer == "correct" for c in found.choices) == 1
+    assert {c.choice.casefold().strip(".") for c in found.choices if c.answer == "correct"} == {answer}
+    assert found.choices[3].probability == 0
+
+
+def test_what_never_moves_is_stationary(known: Scene) -> None:
+    scene = replace(known, motion_px=np.ones((4, 2)), moving=np.zeros_like(known.moving))
+    found = Executor(scene).answer(f"{RED} query_image_direction", candidates=["A. The object is stationary.", "B. Up"])
+    assert (found.answer, [c.answer for c in found.choices]) == ("stationary", ["correct", "wrong"])
+
+
+def test_motion_in_the_image_is_from_the_first_to_the_last_visible_frame() -> None:
+    """Away from CLEVRER's camera, along x, is up in its image; to the right, along y, is to the right."""
+    location = np.zeros((2, 10, 2))
+    location[0, :, 0] = np.linspace(1, -1, 10)
+    location[1, :, 1] = np.linspace(-1, 1, 10)
+    visible = np.ones((2, 8), bool)
+    visible[1, 4:] = False
+    (right, down), (sideways, _) = motion_px(location, visible, Camera())
+    assert abs(right) < 1e-6
+    assert down < -50
+    shown = Camera().pixels([[0.0, location[1, f, 1], 0.2] for f in (0, 3)])
+    assert sideways == pytest.approx(shown[1, 0] - shown[0, 0])
+    assert np.isnan(motion_px(location, np.zeros((2, 8), bool), Camera())).all()

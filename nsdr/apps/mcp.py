@@ -152,7 +152,7 @@ class AgentTools:
                 "choice": c.choice,
                 "answer": c.answer,
                 "probability": c.probability,
-                "explanation": " ".join(reasons(c, scene)),
+                "explanation": " ".join(reasons(c, scene)) if c.trace or c.error else "",
                 "error": c.error,
             }
             for c in found.choices
@@ -160,7 +160,7 @@ class AgentTools:
         return {
             "answer": found.answer,
             "probability": found.probability,
-            "explanation": "" if choices else " ".join(reasons(found, scene)),
+            "explanation": " ".join(reasons(found, scene)) if found.trace else "",
             "program": format_tree(found.trace) if found.trace else " ".join(found.program),
             "choices": choices,
             "notes": list(found.notes),

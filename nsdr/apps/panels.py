@@ -60,7 +60,7 @@ def rests_on(trace: Sequence[TraceStep], scene: Scene) -> dict[int, tuple[int, .
 
 
 def _frames(answer: Answer, clip: Clip, frames: NDArray[np.uint8]) -> str:
-    traces = [choice.trace for choice in answer.choices if choice.answer == "correct"] or [answer.trace]
+    traces = [answer.trace] if answer.trace else [c.trace for c in answer.choices if c.answer == "correct"]
     found: dict[int, tuple[int, ...]] = {}
     for trace in traces:
         found |= rests_on(trace, clip.perception.scene)

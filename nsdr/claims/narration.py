@@ -58,7 +58,7 @@ def reasons(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
     """The sentences of `narrate` before the answer; its arguments and errors."""
     if length not in get_args(Length):
         raise ExecutionError(f"length {length!r}: expected {' or '.join(get_args(Length))}")
-    judged = answer.choices if isinstance(answer, Answer) and answer.choices else (answer,)
+    judged = (answer,) if answer.trace or isinstance(answer, ChoiceAnswer) else answer.choices or (answer,)
     told = _Narration(scene, length)
     for one in judged:
         if one.trace:

@@ -34,7 +34,7 @@ def answer_options(parser: Any) -> None:
     add = parser.add_argument
     add("video", help=f"{VIDEO}, or a scene saved by parse-video")
     add("-q", "--question", required=True, help="in CLEVRER's English")
-    add("-c", "--choice", action="append", default=[], help="an option; repeat it for each")
+    add("-c", "--choice", action="append", default=[], help="an option, or a candidate for the answer; repeatable")
     add("--extensions", action="store_true", help=EXTENSIONS)
     add("--system", default="", help="answer by a trained baseline: folder or name of a checkpoint, such as truth/mac")
     add("--trace", action="store_true", help="print every executed step")

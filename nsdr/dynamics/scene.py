@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events
 from nsdr.types import DynamicsPrediction, Event, Scene, UncertainCollision, VideoTracks
+from nsdr.world.camera import Camera, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 
 PREDICTED_MOVING_SPEED_WORLD_PER_S = 0.05
@@ -16,7 +17,11 @@ SPEED_WINDOW_FRAMES = 11
 """Frames of the line whose slope is that speed. Set on ten annotation files."""
 
 
-def scene_from_prediction(prediction: DynamicsPrediction, existence: NDArray[np.floating[Any]] | None = None) -> Scene:
+def scene_from_prediction(
+    prediction: DynamicsPrediction,
+    existence: NDArray[np.floating[Any]] | None = None,
+    camera: Camera | None = None,
+) -> Scene:
     """Scene of a dynamics backend's output: observed, unseen and counterfactual events, and motion.
 
     An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, it moves when it is
@@ -26,6 +31,7 @@ def scene_from_prediction(prediction: DynamicsPrediction, existence: NDArray[np.
     Args:
         prediction: of the backend.
         existence: (n,) how probable it is that each object is there, in a video that was perceived (`Scene.existence`).
+        camera: the camera that took the video; without it, motion in the image (`Scene.motion_px`) is not known.
     """
     n_frames = prediction.n_frames
     visible = prediction.observed.visible[:, :n_frames]
@@ -51,7 +57,27 @@ def scene_from_prediction(prediction: DynamicsPrediction, existence: NDArray[np.
         uncertain=uncertain,
         physics=prediction.physics,
         existence=existence,
+        motion_px=None if camera is None else motion_px(prediction.observed.location_world, visible, camera),
     )
+
+
+def motion_px(location_world: NDArray[np.floating[Any]], visible: NDArray[np.bool_], camera: Camera) -> NDArray[Any]:
+    """How far objects move in the image from their first visible frame to their last (`Scene.motion_px`).
+
+    Args:
+        location_world: (n, F or more, 2) positions on the ground (world units).
+        visible: (n, F) whether each object is in the image.
+        camera: the camera that took the video.
+
+    Returns:
+        (n, 2) motion to the right and down (pixels); NaN for objects that are never visible.
+    """
+    motion = np.full((len(visible), 2), np.nan)
+    for i, frames in enumerate(map(np.flatnonzero, visible)):
+        if len(frames):
+            first, last = camera.pixels(on_ground(location_world[i, frames[[0, -1]]]))
+            motion[i] = last - first
+    return motion
 
 
 def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tuple[UncertainCollision, ...] | None:

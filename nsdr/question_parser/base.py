@@ -47,36 +47,40 @@ def read_programs(
     choice_programs: Sequence[ProgramSource] | None = None,
     scene: Scene | None = None,
 ) -> tuple[Program, list[Program | NsdrError] | None]:
-    """The program of a question, and those of its choices (None for a descriptive question) or why one has none.
+    """The program of a question, and those of its choices or why one has none; None for the choices of a descriptive question,
+    which are candidates for its answer and have no programs.
 
     Args:
         parser: of the texts that have no given program.
         question: text of the question.
-        choices: texts of the choices of a multiple-choice question.
+        choices: texts of the choices of a multiple-choice question, or candidates for the answer of a descriptive one.
         program, choice_programs: programs in place of parsing the texts.
         scene: whose objects suggestions may name; None for none.
 
     Raises:
-        QuestionError: the question fits no program (names the nearest texts that do), a multiple-choice question has no choices
-            or the reverse, there are not as many programs as choices, or a text stands in place of a list.
+        QuestionError: the question fits no program (names the nearest texts that do), a multiple-choice question has no
+            choices, a descriptive one has choice programs, there are not as many programs as choices, or a text stands in
+            place of a list.
         ProgramError: a given program is malformed.
     """
     for name, given in (("choices", choices), ("choice_programs", choice_programs)):
         if isinstance(given, str):
             raise QuestionError(f"{name}: expected a list, such as [{given!r:.60}], got a text")
-    multiple_choice = bool(choices) or bool(choice_programs)
     if program is not None:
         parsed = Program.parse(program)
     else:
-        found = _parsed(parser, question, "multiple_choice" if multiple_choice else "descriptive", scene)
+        found = _parsed(parser, question, "multiple_choice" if choices or choice_programs else "descriptive", scene)
+        if isinstance(found, QuestionError) and choices:
+            candidates_for = _parsed(parser, question, "descriptive", scene)
+            found = found if isinstance(candidates_for, QuestionError) else candidates_for
         if isinstance(found, QuestionError):
             raise found
         parsed = found
-    if parsed.needs_choice != multiple_choice:
-        missing = "give choices with it" if parsed.needs_choice else "ask it without choices"
-        kind = "a multiple-choice" if parsed.needs_choice else "a descriptive"
-        raise QuestionError(f"{question or str(parsed)!r} is {kind} question; {missing}")
-    if not multiple_choice:
+    if parsed.needs_choice and not (choices or choice_programs):
+        raise QuestionError(f"{question or str(parsed)!r} is a multiple-choice question; give choices with it")
+    if not parsed.needs_choice and choice_programs:
+        raise QuestionError(f"{question or str(parsed)!r} is a descriptive question; ask it without choice programs")
+    if not parsed.needs_choice:
         return parsed, None
     if choice_programs is not None:
         if choices is not None and len(choices) != len(choice_programs):

@@ -5,7 +5,7 @@ order matters. What has no reading is refused, with what is understood without s
 """
 
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from nsdr.errors import NsdrError, ProgramError, QuestionError
 from nsdr.io.limits import check_limit
@@ -25,6 +25,8 @@ MAX_EXPLAINED_WORDS = 30
 """Refusals of longer texts do not say which words were not used."""
 EXTENSION_SYMBOLS = {"descriptive": "BEYOND", "multiple_choice": "WHATIF"}
 """The symbol of each kind of text beyond CLEVRER; choices are CLEVRER's own."""
+DIRECTION_SYMBOLS = {"descriptive": "DIRECTION"}
+"""The symbol of questions about directions in the image, which benchmarks ask about CLEVRER's videos."""
 
 
 class NoReadingError(QuestionError):
@@ -54,6 +56,7 @@ class GrammarParser(Parser):
 
     def _parsed(self, text: str, kind: str) -> Program:
         programs = extension_readings(text, kind) if self.extensions else []
+        programs = programs or extension_readings(text, kind, DIRECTION_SYMBOLS)
         notes: list[str] = []
         if not programs:
             normal = normal_form(text)
@@ -96,15 +99,15 @@ def readings(text: str, kind: str) -> list[list[str]]:
     return english().read(START_SYMBOLS[kind], normal_form(text).words)
 
 
-def extension_readings(text: str, kind: str) -> list[list[str]]:
+def extension_readings(text: str, kind: str, symbols: Mapping[str, str] = EXTENSION_SYMBOLS) -> list[list[str]]:
     """The programs of a text that asks for more than CLEVRER's questions do; empty if it is none.
 
     Words that no rule has, misspelt ones among them, leave no reading.
     """
-    if kind not in EXTENSION_SYMBOLS:
+    if kind not in symbols:
         return []
     normal = normal_form(rewritten(text.lower(), "spellings_beyond"), keep_unknown=True)
-    return load_rules("nsdr.language", "read_english", "read_beyond").read(EXTENSION_SYMBOLS[kind], normal.words)
+    return load_rules("nsdr.language", "read_english", "read_beyond").read(symbols[kind], normal.words)
 
 
 def another_kind(text: str, kind: str) -> QuestionError:

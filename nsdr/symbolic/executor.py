@@ -7,6 +7,7 @@ from functools import cached_property
 from string import ascii_uppercase
 from typing import Any, TypeVar
 
+from nsdr.clevrer.answers.answer_forms import read_candidate
 from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.io.notes import distinct
@@ -86,11 +87,17 @@ class Executor:
             return self._official.run(program)
         return self._values(_complete(Program.parse(program)).steps)[-1]
 
-    def answer(self, program: ProgramSource, question: str = "") -> Answer:
+    def answer(self, program: ProgramSource, question: str = "", candidates: Sequence[str] = ()) -> Answer:
         """Answer a descriptive question.
 
         A question supposes that what it names happened: where that fails in the most probable world, it is answered in the
         most probable one where it does not, unless that is too improbable (`nsdr.symbolic.uncertainty.MIN_SUPPOSED`).
+
+        Args:
+            program: the question's program.
+            question: its text.
+            candidates: texts of which one may say the answer, such as "3" or "B. The object is stationary."; each becomes a
+                choice, "correct" if it says the answer. A note says so if none does.
 
         Returns:
             The answer (yes, no, a number, an attribute word, a frame, or a list of events) with its trace.
@@ -110,8 +117,12 @@ class Executor:
         trace = self._trace(parsed.steps, values)
         is_list = parsed.result == Kind.EVENTS
         text = "\n".join(self.world.sentences(values[-1])) or "none" if is_list else trace[-1].text
-        notes = distinct(self.scene.notes, parsed.notes)
-        return Answer(question, parsed.tokens, text, trace, (), self._probability(parsed, values[-1]), notes)
+        choices = tuple(self._candidate(parsed, text, candidate) for candidate in candidates)
+        none = candidates and all(c.answer == "wrong" for c in choices)
+        unsaid = [f"none of the candidates says the answer, {text!r}"] if none else []
+        notes = distinct(self.scene.notes, parsed.notes, unsaid)
+        probability = self._probability(parsed, self._said(parsed.result, values[-1]))
+        return Answer(question, parsed.tokens, text, trace, choices, probability, notes)
 
     def judge(
         self,
@@ -142,6 +153,12 @@ class Executor:
         of_choices = (choice.notes for _, choice in choices if isinstance(choice, Program))
         notes = distinct(self.scene.notes, parsed.notes, *of_choices)
         return Answer(question, parsed.tokens, None, (), tuple(answers), notes=notes)
+
+    def _candidate(self, program: Program, answer: str, candidate: str) -> ChoiceAnswer:
+        """Whether a candidate says the answer, and how probable it is that it says the right one."""
+        said = read_candidate(candidate)
+        probability = None if said is None else self._probability(program, said)
+        return ChoiceAnswer(candidate, "correct" if said == answer else "wrong", (), (), probability=probability)
 
     def _judged(
         self, question: Program, choices: Sequence[tuple[str, ProgramSource | NsdrError]]
@@ -196,7 +213,8 @@ class Executor:
     def _with_probabilities(self, answers: Sequence[ChoiceAnswer]) -> list[ChoiceAnswer]:
         """The choices with the probability that they are correct, but for those that failed."""
         return [
-            a if a.error else replace(a, probability=self._probability(Program.parse(a.program), True)) for a in answers
+            a if a.error else replace(a, probability=self._probability(Program.parse(a.program), "yes"))
+            for a in answers
         ]
 
     @cached_property
@@ -235,25 +253,28 @@ class Executor:
                 raise
             return found
 
-    def _probability(self, program: Program, value: Any) -> float | None:
-        """How probable a program's value is; None where that is not known.
+    def _probability(self, program: Program, answer: Any) -> float | None:
+        """How probable an answer to a program is, as `_said`; None where that is not known.
 
         What is uncertain says nothing of speeds and masses, nor of entrances and exits that would have to be simulated.
         """
+        if program.tokens[-1] == "query_image_direction":
+            return self.world.quantities.image_directions(self._values(program.steps[:-1])[-1]).get(answer, 0.0)
         tokens = frozenset(program.tokens)
         simulated = not SIMULATED.isdisjoint(tokens)
         beyond_simulation = simulated and not BORDER_EVENTS.isdisjoint(tokens)
         if self.scene.uncertain is None or not EXTENSIONS.isdisjoint(tokens) or beyond_simulation:
             return None
-        runs = self._in_worlds(self._worlds, lambda e: e._said(e._values(program.steps)[-1]))
-        total, said = sum(n for n, _ in runs), self._said(value)
-        share = sum(n for n, found in runs if found == said) / total if total else 0.0
+        kind = program.result
+        runs = self._in_worlds(self._worlds, lambda e: e._said(kind, e._values(program.steps)[-1]))
+        total = sum(n for n, _ in runs)
+        share = sum(n for n, said in runs if said == answer) / total if total else 0.0
         return _simulated(share) if simulated else share
 
-    def _said(self, value: Any) -> Any:
-        """What an answer says: of a list of events their kinds and the names of their objects, whatever their frames."""
+    def _said(self, kind: Kind, value: Any) -> Any:
+        """An answer in words; for a list of events their kinds and the names of their objects, whatever their frames."""
         if not isinstance(value, tuple):
-            return value
+            return _text(kind, value)
         return [(e.kind, *(self.world.object(i).name for i in e.objects)) for e in value]
 
     def _values(self, steps: Sequence[Step], choice_name: str = "", n_choice_steps: int = 0) -> list[Any]:

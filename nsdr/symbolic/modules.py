@@ -196,6 +196,7 @@ _TABLE = [
     Module("get_counterfact", (_EVENTS, _OBJECT), Kind.EVENTS, lambda w, events, one: _like_any(events, w.collisions_without(one)), "those of the events that happen without an object"),
     Module("belong_to", ((Kind.EVENT, Kind.OBJECT), _EVENTS), Kind.BOOLEAN, _belongs, "whether an event (by kind and objects) is among the events, or an object takes part in one of them"),
     Module("query_speed", (_OBJECT, _FRAME), Kind.SPEED, lambda w, one, frame: w.quantities.speed(one, frame), "speed of an object at a frame (world units per second)", **_BEYOND),
+    Module("query_image_direction", (_OBJECT,), Kind.DIRECTION, lambda w, one: w.quantities.image_direction(one), "where an object moves in the image over the whole video, such as \"up and to the left\"; or \"stationary\"", **_BEYOND),
     Module("query_name", (_OBJECT,), Kind.NAME, lambda w, one: w.object(one).name, "color, material and shape of an object", **_BEYOND),
     Module("is_faster", (_OBJECT, _OBJECT, _FRAME), Kind.BOOLEAN, lambda w, a, b, frame: w.quantities.faster(a, b, frame) == a, "whether the first object is faster than the second at a frame", **_BEYOND),
     Module("get_faster", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda w, a, b, frame: w.quantities.faster(a, b, frame), "the faster of two objects at a frame", **_BEYOND),

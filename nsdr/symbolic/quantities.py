@@ -5,6 +5,7 @@ What the scene does not know, or not surely enough, is an `ExecutionError`: noth
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from nsdr.errors import DataError, ExecutionError
 from nsdr.types import Event, Scene, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, intervention_text
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, SAME_EVENT_FRAMES
-from nsdr.world.vocabulary import DIRECTIONS
+from nsdr.world.vocabulary import DIRECTIONS, STATIONARY
 
 Simulate = Callable[[Intervention, int], Sequence[Event]]
 """Collisions of a video, and after it, with an intervention at a frame. Raises `DataError` where it is impossible."""
@@ -29,6 +30,8 @@ CHANGES: Mapping[str, Callable[[int], Intervention]] = {
     "standing_still": lambda i: SetVelocity(i, vx=0.0, vy=0.0),
 }
 """Changes of an object. Masses are changed from the start, velocities at the first frame at which the object is visible."""
+MOTION_ERROR_PX = 1.0
+"""Standard deviation of each component of `Scene.motion_px` (pixels)."""
 CLEAR_DEGREES = 30.0
 """A motion is in a direction if it is at most this far from it (degrees); beyond, no single word describes it."""
 SURE = 1.645
@@ -65,6 +68,26 @@ class Quantities:
             between = f"{DIRECTIONS[quarter]} and {DIRECTIONS[(quarter + 1) % 4]}"
             raise ExecutionError(f"the {self._name(i)} moves between {between} at frame {frame}: no single direction")
         return DIRECTIONS[nearest]
+
+    def image_directions(self, i: int) -> dict[str, float]:
+        """Where an object moves in the image over the whole video: the words of `IMAGE_DIRECTIONS` with their probabilities, or
+        `STATIONARY` for an object that never moves. What counts is where it is first and last visible, not its way.
+        """
+        motion, moving, name = self._scene.motion_px, self._scene.moving, self._name(i)
+        if motion is None or moving is None:
+            raise ExecutionError(f"where the {name} moves in the image is not known in this scene; ask about a video")
+        if not self._scene.visible[i].any():
+            raise ExecutionError(f"the {name} is never visible")
+        if not (moving[i] & self._scene.visible[i]).any():
+            return {STATIONARY: 1.0}
+        right, down = (NormalDist(0.0, MOTION_ERROR_PX).cdf(float(component)) for component in motion[i])
+        across, along = {"left": 1 - right, "right": right}, {"up": 1 - down, "down": down}
+        return {f"{a} and to the {b}": p * q for a, p in along.items() for b, q in across.items()}
+
+    def image_direction(self, i: int) -> str:
+        """The most probable of `image_directions`."""
+        found = self.image_directions(i)
+        return max(found, key=lambda word: found[word])
 
     def faster(self, i: int, j: int, frame: int | None) -> int:
         """The faster of two objects at a frame; with None, by their highest speeds while visible."""

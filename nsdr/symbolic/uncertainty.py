@@ -178,6 +178,7 @@ def _without(scene: Scene, absent: int) -> Scene:
         objects=tuple(replace(scene.objects[old], id=i) for i, old in enumerate(kept)),
         visible=scene.visible[kept],
         moving=None if scene.moving is None else scene.moving[kept],
+        motion_px=None if scene.motion_px is None else scene.motion_px[kept],
         events=events(scene.events),
         unseen=None if scene.unseen is None else events(scene.unseen),
         counterfactual=None if without is None else {new[k]: events(of) for k, of in without.items() if k != absent},

@@ -60,7 +60,8 @@ class Answer:
         program: postfix tokens of the question's program.
         answer: the answer word, "frame 43" for a frame, or one line per event; None for a multiple-choice question.
         trace: executed steps; empty for a multiple-choice question, whose choices have traces of their own.
-        choices: the judged choices; empty for a descriptive question.
+        choices: the judged choices; of a descriptive question the candidates, if any were given: those that say the answer are
+            correct. Candidates have no programs and traces.
         probability: that the answer is right as far as the scene is known: its collisions, and in a perceived scene its
             objects, the frames of its events, and motion near its limit; None where the scene does not say which collisions are
             uncertain (`Scene.uncertain`), and for a multiple-choice question, whose choices have their own.

@@ -170,6 +170,8 @@ class Scene(ArrayHolder):
         physics: velocities and masses, for questions beyond CLEVRER; None where they are not known.
         existence: (n_objects,) float, how probable it is that each object is there, in a scene that was perceived: one whose
             events may be a frame off. None for true scenes.
+        motion_px: (n_objects, 2) float, how far each object's centre moves in the image from its first visible frame to its
+            last, to the right and down (pixels); NaN for an object that is never visible; None where it is not known.
         notes: what a user should know about the video and how it was perceived, one sentence each. Answers about the scene
             carry them, too.
     """
@@ -186,6 +188,7 @@ class Scene(ArrayHolder):
     uncertain: tuple[UncertainCollision, ...] | None = None
     physics: ObjectPhysics | None = None
     existence: Annotated[FloatArray, Array("objects", low=0, high=1)] | None = None
+    motion_px: Annotated[FloatArray, Array("objects", 2, nan=True)] | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

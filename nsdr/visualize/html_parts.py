@@ -47,13 +47,13 @@ def summary_html(answer: Answer, named: bool) -> str:
     question = f"<p>{html.escape(answer.question)}</p>" if named else ""
     if answer.answer is not None:
         said = html.escape(answer.answer).replace("\n", "<br>")
-        return f"{question}<p class=answer>Answer: <b>{said}</b>{html.escape(format_probability(answer))}</p>"
+        question += f"<p class=answer>Answer: <b>{said}</b>{html.escape(format_probability(answer))}</p>"
     rows = (
         f"<tr class={c.answer or 'error'}><td>{c.answer or 'error'}{html.escape(format_probability(c))}"
         f"<td>{html.escape(c.choice)}" + (f"<br>{html.escape(c.error)}" if c.error else "")
         for c in answer.choices
     )
-    return f"{question}<table>{''.join(rows)}</table>"
+    return question + (f"<table>{''.join(rows)}</table>" if answer.choices else "")
 
 
 def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8] | None) -> str:
@@ -68,6 +68,7 @@ def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8
     parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
     if answer.answer is not None:
         parts.append(_why(answer, perception.scene) + _trace(answer.trace, perception, frames, unfolded=" open"))
+        return "".join(parts)
     for choice in answer.choices:
         parts.append(
             f"<h3 class={choice.answer or 'error'}>{html.escape(choice.choice)}: {choice.answer or 'error'}</h3>"

@@ -97,7 +97,7 @@ def _changes(simulation: Simulation, perception: Perception, frames: NDArray[np.
 
 def _removed_objects(answers: Sequence[Answer]) -> set[int]:
     """Ids of the objects that the questions remove."""
-    traces = [t for a in answers for t in ([c.trace for c in a.choices] or [a.trace])]
+    traces = [t for a in answers for t in ([a.trace] if a.trace else [c.trace for c in a.choices])]
     removed = set()
     for trace in traces:
         for step in trace:

@@ -15,6 +15,10 @@ N_ATTRIBUTE_TRIPLES = len(COLORS) * len(MATERIALS) * len(SHAPES)
 """Number of attribute triples (48)."""
 DIRECTIONS = ("towards the camera", "right", "away from the camera", "left")
 """Answers beyond CLEVRER: directions of motion at 0, 90, 180 and 270 degrees from the x axis to the y axis."""
+IMAGE_DIRECTIONS = ("up and to the left", "up and to the right", "down and to the left", "down and to the right")
+"""Answers beyond CLEVRER: where an object moves in the image, over the whole video."""
+STATIONARY = "stationary"
+"""The answer beyond CLEVRER for an object that does not move."""
 SPEED_UNIT = "world units per second"
 """What stands after the number in an answer beyond CLEVRER; seconds are of simulated time."""
 

@@ -8,7 +8,7 @@ from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.files.questions import ANSWERS, BEYOND
 from nsdr.errors import DataError
 
-__all__ = ["UnreadableError", "is_bare", "plain", "read_letters", "read_word"]
+__all__ = ["UnreadableError", "is_bare", "plain", "read_candidate", "read_letters", "read_word"]
 
 NUMBERS = "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen"
 SAME_WORDS = {
@@ -43,6 +43,10 @@ JUDGING = frozenset({"option", "options", "choice", "choices", "answer", "answer
 FILLERS = JUDGING | {"letter", "letters", "only", "are", "it", "correct", "right", "true", "both", "and"}
 """Words that may stand around capital letters without changing what they say."""
 OPINION = re.compile(r"\bI (?:think|believe|say|choose|pick|select)\b(?: that\b)?", re.IGNORECASE)
+LETTER = re.compile(r"^\(?[A-Z](?:[).:]+\s*|\s+-\s+)", re.IGNORECASE)
+"""The letter that stands before an option."""
+SUBJECT = re.compile(r"(?:it|the (?:\w+ ){0,3}(?:object|cube|sphere|cylinder)) (?:is (?:moving )?|moves )")
+"""The beginning of a sentence that says an answer, such as "the object is"."""
 VERDICTS = {
     **dict.fromkeys(("yes", "correct", "right", "true"), True),
     **dict.fromkeys(("no", "incorrect", "wrong", "false"), False),
@@ -75,13 +79,27 @@ def is_bare(text: str) -> bool:
     return len(words) == 1 or (bool(words) and all(len(w) == 1 or w.casefold() == "and" for w in words))
 
 
+def read_candidate(text: str) -> str | None:
+    """The answer word that a candidate of an open question says, with or without its letter; None if it says no answer.
+
+    >>> read_candidate("B. The object is stationary.")
+    'stationary'
+    """
+    bare = LETTER.sub("", plain(text), count=1)
+    try:
+        return read_word(bare)
+    except UnreadableError:
+        return None
+
+
 def read_word(text: str) -> str:
     """The one answer word that a word or sentence of `plain` text names, or the answer beyond CLEVRER that it is.
 
     Raises:
         UnreadableError: no answer word, several different ones, a denial, a question, or a number that is not whole.
     """
-    if BEYOND.fullmatch(bare := text.casefold().strip(" .!\"'")):
+    bare = SUBJECT.sub("", text.casefold().strip(" .!\"'"), count=1)
+    if BEYOND.fullmatch(bare):
         return bare
     lower = text.casefold().replace("n't", " not ")
     tokens = re.findall(r"[^\s,;:!?\"()\[\]{}/]+", re.sub(r"(?<=[a-z])-(?=[a-z])", " ", lower))

@@ -14,7 +14,16 @@ from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.validation import expect, one_of
-from nsdr.world.vocabulary import ATTRIBUTES, COLORS, DIRECTIONS, MATERIALS, SHAPES, SPEED_UNIT
+from nsdr.world.vocabulary import (
+    ATTRIBUTES,
+    COLORS,
+    DIRECTIONS,
+    IMAGE_DIRECTIONS,
+    MATERIALS,
+    SHAPES,
+    SPEED_UNIT,
+    STATIONARY,
+)
 
 __all__ = [
     "OPTION_TAGS",
@@ -46,7 +55,7 @@ ANSWERS = frozenset(
 )
 """Answers of descriptive questions."""
 _OBJECT = " ".join(f"({'|'.join(words)})" for words in (COLORS, MATERIALS, SHAPES))
-BEYOND = re.compile(rf"\d+\.\d {SPEED_UNIT}|{'|'.join(DIRECTIONS)}|{_OBJECT}")
+BEYOND = re.compile(rf"\d+\.\d {SPEED_UNIT}|{'|'.join((*DIRECTIONS, *IMAGE_DIRECTIONS, STATIONARY))}|{_OBJECT}")
 """Answers of descriptive questions beyond CLEVRER: a speed, a direction or an object, such as "1.8 world units per second"."""
 
 
