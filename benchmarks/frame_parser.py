@@ -137,7 +137,7 @@ def count_objectness(folder: Path, every: int, parser: FrameParser) -> None:
     for i in indices:
         frame = (frames[i][0] * 255).round().byte().permute(1, 2, 0).numpy()
         for value, detector in detectors.items():
-            kept[value] += len(detector([frame])[0]["scores"])
+            kept[value] += len(detector([frame])["scores"])
     print(f"{len(indices)} frames; detections by the lowest objectness: {kept}")
 
 

@@ -113,11 +113,11 @@ def looked_at(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
     import torch
 
     frames: list[np.ndarray] = []
-    empty = {"boxes": (0, 4), "masks": (0, 1, 28, 28), "scores": (0,), "attribute": (0, 48)}
+    empty = {"image": (0,), "boxes": (0, 4), "masks": (0, 1, 28, 28), "scores": (0,), "attribute": (0, 48)}
 
-    def detect(batch: list[np.ndarray]) -> list[dict[str, torch.Tensor]]:
+    def detect(batch: list[np.ndarray]) -> dict[str, torch.Tensor]:
         frames.extend(batch)
-        return [{name: torch.zeros(shape) for name, shape in empty.items()} for _ in batch]
+        return {name: torch.zeros(shape) for name, shape in empty.items()}
 
     monkeypatch.setattr("nsdr.frame_parser.parser.Detector", lambda *_: detect)
     return frames

@@ -8,11 +8,13 @@ import torch
 from torch.utils.data import DataLoader
 
 from nsdr import CheckpointError, DataError, VideoError, VideoProposals
+from nsdr.clevrer.files.masks import ObjectRuns, numbers_of_runs
 from nsdr.clevrer.files.proposals import proposals_document, proposals_from_rows
 from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, TorchvisionBackbone, build_frame_parser
 from nsdr.frame_parser.parser import FrameParser
+from nsdr.frame_parser.pasting import mask_changes
 from nsdr.frame_parser.roi_heads import AttributePredictor, JointAttributePredictor, attribute_probabilities
 from nsdr.frame_parser.training_frames import write_frames
 from nsdr.io.checkpoint import load_checkpoint
@@ -480,18 +482,17 @@ def test_masks_are_pasted_where_training_samples_them() -> None:
     """The RoIAlign of a true mask, pasted back, has the mask's centroid to a tenth of a pixel for any box position."""
     from torchvision.ops import roi_align
 
-    from nsdr.frame_parser.parser import _pasted
-
     image = np.zeros((320, 480), np.uint8)
     cv2.ellipse(image, (200, 120), (31, 24), 20, 0, 360, 1, -1)
     rows, columns = np.nonzero(image)
     for shift in (0.0, 0.3, 0.7):
         box = torch.tensor([[0.0, 165 + shift, 90 - shift, 238 - shift, 152 + shift]])
         small = roi_align(torch.from_numpy(image)[None, None].float(), box, (28, 28), 1.0)[0, 0]
-        pasted = _pasted(small.numpy(), box[0, 1:].numpy())
-        found_rows, found_columns = np.nonzero(pasted)
-        assert abs(found_columns.mean() - columns.mean()) < 0.1
-        assert abs(found_rows.mean() - rows.mean()) < 0.1
+        mask, start, stop = (
+            mask_changes(small[None], box[:, 1:]).numpy()[row, k::2] for row, k in ((0, 0), (1, 0), (1, 1))
+        )
+        centroid = numbers_of_runs(ObjectRuns(mask, start, stop), 320).centroid_px[0]
+        np.testing.assert_allclose(centroid - 0.5, [columns.mean(), rows.mean()], atol=0.1)
 
 
 def test_a_partly_hidden_object_is_localized_by_its_visible_sides() -> None:

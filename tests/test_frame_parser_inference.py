@@ -1,8 +1,11 @@
 """The prepared network finds what the network itself finds."""
 
+import warnings
+
 import numpy as np
 import pytest
 import torch
+from torch.profiler import ProfilerActivity, profile
 
 from nsdr import DataError
 from nsdr.clevrer.example import VIDEO
@@ -38,7 +41,8 @@ def own(model: torch.nn.Module, frames: list[np.ndarray]) -> list[dict[str, torc
 @limit_threads(1)
 @torch.no_grad()
 def detected(model: torch.nn.Module, frames: list[np.ndarray], precision: torch.dtype) -> list[dict[str, torch.Tensor]]:
-    return Detector(model, precision)(frames)
+    found = Detector(model, precision)(frames)
+    return [{k: v[found["image"] == i] for k, v in found.items()} for i in range(len(frames))]
 
 
 def test_in_float32_detections_are_those_of_the_network(parser: FrameParser, frames) -> None:
@@ -83,11 +87,11 @@ def test_batch_normalisation_of_every_backbone_goes_into_its_convolutions(backbo
 def test_regions_of_low_objectness_are_not_proposed(parser: FrameParser, frames, monkeypatch) -> None:
     seen: list[int] = []
     monkeypatch.setattr(
-        parser.model.roi_heads, "forward", lambda levels, boxes, sizes: seen.append(sum(map(len, boxes))) or ([], {})
+        parser.model.roi_heads, "detections", lambda levels, boxes, sizes: seen.append(sum(map(len, boxes))) or {}
     )
     for min_objectness in (0.0, MIN_OBJECTNESS, 1.1):
         with torch.no_grad():
-            assert Detector(parser.model, torch.float32, min_objectness)(frames) == []
+            assert Detector(parser.model, torch.float32, min_objectness)(frames) == {}
     assert seen[0] == 2 * parser.model.config.proposals
     assert 10 < seen[1] < seen[0]
     assert seen[2] == 0
@@ -97,8 +101,38 @@ def test_frames_in_which_nothing_is_proposed_have_no_detections(parser: FramePar
     blank = np.full((320, 480, 3), 128, np.uint8)
     with torch.no_grad():
         found = Detector(parser.model, torch.float32, min_objectness=1.1)([blank, blank])
-    assert [tuple(f["boxes"].shape) for f in found] == [(0, 4), (0, 4)]
+    assert found["boxes"].shape == (0, 4)
     assert len(parser.parse([blank])) == 0
+
+
+def test_launches_and_synchronisations_do_not_grow_with_the_batch(frames) -> None:
+    def counted(size: int) -> dict[str, int]:
+        parser = FrameParser.from_pretrained(device="cpu", precision="float32", batch_size=size)
+        shown = [frame.copy() for frame in frames * (size // 2)]
+        parser.parse(shown)
+        with warnings.catch_warnings(action="ignore"), profile(activities=[ProfilerActivity.CPU]) as profiled:
+            found = parser.parse(shown)
+        assert len(np.unique(found.frame_index)) == size
+        return {event.key: event.count for event in profiled.key_averages()}
+
+    few, many = counted(2), counted(8)
+    # On a GPU, each of these waits for the work that was started before.
+    for name in ("torchvision::nms", "aten::nonzero", "aten::_local_scalar_dense", "aten::bincount"):
+        assert 1 < few[name] == many[name] <= 12, name
+    for name in ("aten::index", "aten::_to_copy", "aten::cat", "aten::topk", "torchvision::roi_align"):
+        assert few[name] == many[name], name
+    assert sum(many.values()) < 1.05 * sum(few.values())
+
+
+@torch.no_grad()
+def test_a_changed_network_is_prepared_again(frames) -> None:
+    parser = FrameParser.from_pretrained(device="cpu", precision="float32")
+    before = parser.parse(frames)
+    parser.model.backbone.stem[0].weight.mul_(0.5)
+    changed = parser.parse(frames)
+    assert changed.score.tolist() != before.score.tolist()
+    parser.model.backbone.stem[0].weight.mul_(2)
+    np.testing.assert_array_equal(parser.parse(frames).score, before.score)
 
 
 def test_precision_is_that_of_the_processor_or_the_chosen_one(monkeypatch) -> None:

@@ -16,7 +16,7 @@ from nsdr.clevrer.answers.answer_files import read_submission
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.clevrer.files.annotations import check_truth, check_truth_blocks
-from nsdr.clevrer.files.masks import numbers_of_runs, runs_of_mask
+from nsdr.clevrer.files.masks import ObjectRuns, encoded_runs, numbers_of_runs, object_runs, runs_of_mask
 from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.clevrer.files.proposals import ground_truth_of, parse_proposals, read_compact_proposals
 from nsdr.clevrer.files.questions import read_questions
@@ -264,23 +264,30 @@ def test_bad_compact_files(changes, message, tmp_path) -> None:
         list(read_compact_proposals(tmp_path / "c.npz", {1: 3}))
 
 
-def mask_numbers(mask: np.ndarray) -> tuple[Any, ...]:
-    """Centroid, area and bounding box of the pixels."""
-    rows, columns = np.nonzero(mask)
-    if not len(rows):
-        return (0.0, 0.0), 0, (0, 0, 0, 0)
-    box = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
-    return (columns.mean() + 0.5, rows.mean() + 0.5), len(rows), box
-
-
-def test_masks_give_the_same_numbers_from_runs_and_pixels() -> None:
+def test_masks_give_the_same_numbers_and_texts_from_runs_and_pixels() -> None:
     rng = np.random.default_rng(0)
-    masks = [rng.random((7, 5)) < share for share in (0, 0.1, 0.5, 0.9, 1)]
-    masks += [cv2.circle(np.zeros((320, 480), np.uint8), (x, 300), 30, 1, -1) for x in (0, 200, 479)]
-    for mask in masks:
-        runs = runs_of_mask(counts(mask), *mask.shape, "x")
-        assert runs.sum() == mask.size
-        assert numbers_of_runs(runs, mask.shape[0]) == mask_numbers(mask)
+    small = [rng.random((7, 5)) < share for share in (0.1, 0.5, 0, 0.9, 1)]
+    large = [cv2.circle(np.zeros((320, 480), np.uint8), (x, 300), 30, 1, -1) for x in (0, 200, 479)]
+    for masks in (small, large, [np.zeros((7, 5))], []):
+        height, width = masks[0].shape if masks else (7, 5)
+        texts = [counts(mask) for mask in masks]
+        lengths = [runs_of_mask(text, height, width, "x") for text in texts]
+        assert [of_mask.sum() for of_mask in lengths] == [height * width] * len(masks)
+        runs = object_runs(lengths)
+        assert encoded_runs(runs, len(masks), height, width) == texts
+        by_column = [np.flatnonzero(np.diff(np.pad(mask, 1).T.ravel())) for mask in masks]  # column by column, unjoined
+        places = [(p // (height + 2) - 1) * height + p % (height + 2) for p in by_column]
+        index = np.repeat(np.arange(len(masks)), [len(p) // 2 for p in places])
+        split = np.concatenate([np.zeros(0, np.int64), *places]).reshape(-1, 2).T
+        assert encoded_runs(ObjectRuns(index, *split), len(masks), height, width) == texts
+        seen = np.unique(runs.mask)
+        for of in (runs, ObjectRuns(index, *split)):
+            numbers = numbers_of_runs(of._replace(mask=np.searchsorted(seen, of.mask)), height)
+            for i, centroid, area, box in zip(seen, *numbers, strict=True):
+                rows, columns = np.nonzero(masks[i])
+                assert area == len(rows)
+                assert centroid.tolist() == [columns.mean() + 0.5, rows.mean() + 0.5]
+                assert box.tolist() == [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
 
 
 @settings(max_examples=300, deadline=None)

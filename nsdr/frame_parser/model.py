@@ -15,9 +15,10 @@ from torchvision.models.detection.image_list import ImageList
 from torchvision.models.detection.mask_rcnn import MaskRCNNHeads, MaskRCNNPredictor
 from torchvision.models.detection.rpn import RPNHead
 from torchvision.models.resnet import BasicBlock
-from torchvision.ops import FeaturePyramidNetwork, MultiScaleRoIAlign
+from torchvision.ops import FeaturePyramidNetwork
 
 from nsdr.errors import DataError
+from nsdr.frame_parser.regions import ProposalNetwork, RegionPool
 from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads, JointAttributePredictor
 from nsdr.validation import Settings, Share, Size, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -25,20 +26,20 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 CHANNEL_MULTIPLE = 16
 """Channels of the slim backbone and the pyramid are multiples of this: oneDNN's channels-last convolutions crash the process
 on other widths (seen with torch 2.15 on a CPU)."""
-ROI_LEVELS = ["0", "1"]
-"""Pyramid levels that the second stage pools from (strides 4 and 8 px): CLEVRER's objects are 25-110 px wide."""
-ROI_CANONICAL_PX = 64
-"""Regions of this size are pooled from the level of stride 4 px, regions at least twice as large from that of 8 px (pixels)."""
-ROI_CANONICAL_LEVEL = 2
-"""Base-2 logarithm of the stride of the level that regions of the canonical size are pooled from."""
-ROI_SAMPLES = 2
-"""Samples per pooled cell along each axis (`sampling_ratio` of RoIAlign)."""
 BOX_CELLS, MASK_CELLS = 7, 14
 """Side of the pooled features of the box head and of the mask head (cells)."""
 ANCHOR_ASPECT_RATIOS = (0.6, 1.0, 1.5)
 """Height / width of the anchors."""
 RPN_CANDIDATES_TRAIN, RPN_CANDIDATES = 600, 200
 """Best regions of each level before non-maximum suppression, in training and at inference."""
+RPN_NMS_IOU = 0.7
+"""Of two proposed regions of a level with a larger intersection over union, the one with the lower score is dropped (0-1)."""
+RPN_POSITIVE_IOU, RPN_NEGATIVE_IOU = 0.7, 0.3
+"""Anchors with at least the first intersection over union with a true box are positive in training, those with less than the
+second are negative (0-1)."""
+RPN_BATCH, RPN_POSITIVE_SHARE = 256, 0.5
+"""Anchors per image that the first stage is trained on, and the largest share of positive ones (0-1). These and the values of
+the two constants above are torchvision's defaults."""
 ROI_MATCH_IOU = 0.5
 """Regions with at least this intersection over union with a true box are positive in training, all others negative (0-1)."""
 ROI_BATCH = 64
@@ -174,17 +175,11 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
         if c.backbone == "slim"
         else TorchvisionBackbone(c.backbone, c.fpn_channels)
     )
-    pools = [
-        MultiScaleRoIAlign(
-            ROI_LEVELS, cells, ROI_SAMPLES, canonical_scale=ROI_CANONICAL_PX, canonical_level=ROI_CANONICAL_LEVEL
-        )
-        for cells in (BOX_CELLS, MASK_CELLS)
-    ]
     heads: dict[str, Any] = {
-        "box_roi_pool": pools[0],
+        "box_roi_pool": RegionPool(BOX_CELLS),
         "box_head": TwoMLPHead(c.fpn_channels * BOX_CELLS**2, c.box_features),
         "box_predictor": FastRCNNPredictor(c.box_features, num_classes=2),
-        "mask_roi_pool": pools[1],
+        "mask_roi_pool": RegionPool(MASK_CELLS),
         "mask_head": MaskRCNNHeads(c.fpn_channels, (c.mask_channels,) * c.mask_layers, dilation=1),
         "mask_predictor": MaskRCNNPredictor(c.mask_channels, c.mask_channels, num_classes=2),
     }
@@ -192,6 +187,7 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
         sizes=tuple((size,) for size in c.anchor_sizes_px),
         aspect_ratios=(ANCHOR_ASPECT_RATIOS,) * len(c.anchor_sizes_px),
     )
+    head = _ExactRPNHead(c.fpn_channels, anchors.num_anchors_per_location()[0])
     model = FrameParserNetwork(
         backbone,
         min_size=HEIGHT_PX,
@@ -199,13 +195,20 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
         image_mean=list(c.image_mean),
         image_std=list(c.image_std),
         rpn_anchor_generator=anchors,
-        rpn_head=_ExactRPNHead(c.fpn_channels, anchors.num_anchors_per_location()[0]),
-        rpn_pre_nms_top_n_train=RPN_CANDIDATES_TRAIN,
-        rpn_pre_nms_top_n_test=RPN_CANDIDATES,
-        rpn_post_nms_top_n_train=c.train_proposals,
-        rpn_post_nms_top_n_test=c.proposals,
+        rpn_head=head,
         _skip_resize=True,
         **heads,
+    )
+    model.rpn = ProposalNetwork(
+        anchors,
+        head,
+        fg_iou_thresh=RPN_POSITIVE_IOU,
+        bg_iou_thresh=RPN_NEGATIVE_IOU,
+        batch_size_per_image=RPN_BATCH,
+        positive_fraction=RPN_POSITIVE_SHARE,
+        pre_nms_top_n={"training": RPN_CANDIDATES_TRAIN, "testing": RPN_CANDIDATES},
+        post_nms_top_n={"training": c.train_proposals, "testing": c.proposals},
+        nms_thresh=RPN_NMS_IOU,
     )
     model.roi_heads = AttributeRoIHeads(
         AttributePredictor(c.box_features) if c.attributes == "three" else JointAttributePredictor(c.box_features),

@@ -5,9 +5,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
-from torchvision.models.detection.roi_heads import RoIHeads, fastrcnn_loss, maskrcnn_inference, maskrcnn_loss
-from torchvision.ops import boxes as box_ops
+from torchvision.models.detection.roi_heads import RoIHeads, fastrcnn_loss, maskrcnn_loss
 
+from nsdr.frame_parser.regions import best_of_images, by_image, clipped, has_sides, images_of
 from nsdr.world.vocabulary import ATTRIBUTES, MATERIALS, N_ATTRIBUTE_TRIPLES, SHAPES
 
 MASK_THRESHOLD = 0.5
@@ -79,7 +79,10 @@ class AttributeRoIHeads(RoIHeads):
     def forward(self, features, proposals, image_shapes, targets=None):  # type: ignore[no-untyped-def]
         if self.training:
             return [], self._losses(features, proposals, image_shapes, targets)
-        return self._detections(features, proposals, image_shapes), {}
+        found = self.detections(features, proposals, image_shapes)
+        image = found.pop("image")
+        split = {name: by_image(values, image, len(image_shapes)) for name, values in found.items()}
+        return [dict(zip(split, values, strict=True)) for values in zip(*split.values(), strict=True)], {}
 
     def _losses(self, features, proposals, image_shapes, targets) -> dict[str, Tensor]:  # type: ignore[no-untyped-def]
         proposals, matched, labels, regression_targets = self.select_training_samples(proposals, targets)
@@ -109,27 +112,22 @@ class AttributeRoIHeads(RoIHeads):
         )
         return losses
 
-    def _detections(self, features, proposals, image_shapes) -> list[dict[str, Tensor]]:  # type: ignore[no-untyped-def]
+    def detections(self, features, proposals, image_shapes) -> dict[str, Tensor]:  # type: ignore[no-untyped-def]
+        """The detections of all images together, image by image, and `image` (N,): the index of each one's image."""
         box_features = self.box_head(self.box_roi_pool(features, proposals, image_shapes))
         class_logits, box_regression = self.box_predictor(box_features)
-        attributes = attribute_probabilities(self.attribute_predictor(box_features))
-        counts = [len(boxes) for boxes in proposals]
         # Without proposals, `decode` returns another shape.
-        all_boxes = self.box_coder.decode(box_regression, proposals).reshape(-1, 2, 4)[:, 1].split(counts)
-        all_scores = class_logits.softmax(-1)[:, 1].split(counts)
-        all_attributes = {name: probability.split(counts) for name, probability in attributes.items()}
-
-        results = []
-        for i, (boxes, scores) in enumerate(zip(all_boxes, all_scores, strict=True)):
-            boxes = box_ops.clip_boxes_to_image(boxes, image_shapes[i])
-            kept = torch.where(scores > self.score_thresh)[0]
-            kept = kept[box_ops.remove_small_boxes(boxes[kept], min_size=MIN_BOX_SIDE_PX)]
-            kept = kept[box_ops.nms(boxes[kept], scores[kept], self.nms_thresh)][: self.detections_per_img]
-            result = {"boxes": boxes[kept], "scores": scores[kept], "labels": torch.ones_like(kept)}
-            results.append(result | {name: split[i][kept] for name, split in all_attributes.items()})
-
-        boxes_per_image = [r["boxes"] for r in results]
-        mask_logits = self.mask_predictor(self.mask_head(self.mask_roi_pool(features, boxes_per_image, image_shapes)))
-        for result, masks in zip(results, maskrcnn_inference(mask_logits, [r["labels"] for r in results]), strict=True):
-            result["masks"] = masks
-        return results
+        boxes = self.box_coder.decode(box_regression, proposals).reshape(-1, 2, 4)[:, 1]
+        image = images_of(proposals)
+        boxes, scores = clipped(boxes, image, image_shapes), class_logits.softmax(-1)[:, 1]
+        kept = torch.where((scores > self.score_thresh) & has_sides(boxes, MIN_BOX_SIDE_PX))[0]
+        best = best_of_images(
+            boxes[kept], scores[kept], image[kept], image[kept], self.nms_thresh, self.detections_per_img
+        )
+        kept = kept[best]
+        boxes, image = boxes[kept], image[kept]
+        of_images = by_image(boxes, image, len(image_shapes))
+        mask_logits = self.mask_predictor(self.mask_head(self.mask_roi_pool(features, of_images, image_shapes)))
+        found = {"image": image, "boxes": boxes, "scores": scores[kept], "labels": torch.ones_like(kept)}
+        found["masks"] = mask_logits[:, 1:].sigmoid()
+        return found | attribute_probabilities(self.attribute_predictor(box_features[kept]))

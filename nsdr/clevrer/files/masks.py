@@ -1,15 +1,16 @@
 """COCO's compressed run-length masks, checked in Python: pycocotools crashes on bad ones."""
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
+from pycocotools import mask as rle
 
 from nsdr.errors import DataError
-from nsdr.validation import convert, expect
+from nsdr.validation import FloatArray, IntArray, convert, expect
 
 __all__ = ["check_mask"]
-
-MaskNumbers = tuple[tuple[float, float], int, tuple[int, int, int, int]]
-"""Mean (column, row) of the pixel centres, number of pixels, and box (left, top, right, bottom) with exclusive end (px)."""
 
 PIXEL_CENTRE_PX = 0.5
 """Offset from the index of a pixel to its centre (pixels)."""
@@ -67,15 +68,81 @@ def runs_of_mask(counts: str, height: int, width: int, where: str) -> NDArray[np
     return runs
 
 
-def numbers_of_runs(runs: NDArray[np.int64], height: int) -> MaskNumbers:
-    """Centroid, area and box of the mask with these runs (K,); all zero for an empty mask."""
-    ends = runs.cumsum()[1::2]
-    lengths = runs[1::2]
-    if not lengths.any():
-        return (0.0, 0.0), 0, (0, 0, 0, 0)
-    starts = ends - lengths
-    # Position of each object pixel, column by column: its run's start, plus its place in the run.
-    pixels = np.arange(lengths.sum()) + np.repeat(starts - (lengths.cumsum() - lengths), lengths)
-    columns, rows = np.divmod(pixels, height)
-    box = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
-    return (float(columns.mean()) + PIXEL_CENTRE_PX, float(rows.mean()) + PIXEL_CENTRE_PX), len(rows), box
+class ObjectRuns(NamedTuple):
+    """Runs of object pixels of N masks; a pixel's place in the image is counted column by column.
+
+    Attributes:
+        mask: (K,) int64 index of each run's mask, ascending.
+        start: (K,) int64 place of each run's first pixel, ascending within a mask.
+        stop: (K,) int64 place after its last pixel, larger than `start`.
+    """
+
+    mask: NDArray[np.int64]
+    start: NDArray[np.int64]
+    stop: NDArray[np.int64]
+
+
+class MaskNumbers(NamedTuple):
+    """What is known of masks of which none is empty.
+
+    Attributes:
+        centroid_px: (N, 2) float64, mean (column, row) of the pixel centres.
+        area_px: (N,) int64, number of pixels.
+        box_xyxy_px: (N, 4) int64, left, top, right and bottom, end exclusive.
+    """
+
+    centroid_px: FloatArray
+    area_px: IntArray
+    box_xyxy_px: IntArray
+
+
+def object_runs(lengths: Sequence[NDArray[np.int64]]) -> ObjectRuns:
+    """The runs of object pixels of masks, from the lengths (K,) of all runs of each, as `runs_of_mask` gives them."""
+    stops = [of_mask.cumsum()[1::2] for of_mask in lengths]
+    mask = np.repeat(np.arange(len(stops)), [len(stop) for stop in stops])
+    stop = np.concatenate([np.zeros(0, np.int64), *stops])
+    length = np.concatenate([np.zeros(0, np.int64), *(of_mask[1::2] for of_mask in lengths)])
+    seen = length > 0
+    return ObjectRuns(mask[seen], (stop - length)[seen], stop[seen])
+
+
+def encoded_runs(runs: ObjectRuns, n_masks: int, height: int, width: int) -> list[str]:
+    """The compressed masks of `n_masks` masks with these runs, of which adjoining ones become one."""
+    joined = (runs.mask[1:] == runs.mask[:-1]) & (runs.start[1:] == runs.stop[:-1])
+    first, last = np.append(True, ~joined), np.append(~joined, True)
+    if not len(runs.mask):
+        first = last = np.zeros(0, np.bool_)
+    mask, changes = runs.mask[first], np.stack([runs.start[first], runs.stop[last]], 1).ravel()
+    counts = np.split(changes, 2 * np.searchsorted(mask, np.arange(1, n_masks))) if n_masks else []
+    masks = []
+    for of_mask in counts:
+        ends = of_mask if len(of_mask) and of_mask[-1] == height * width else np.append(of_mask, height * width)
+        masks.append({"size": [height, width], "counts": np.diff(ends, prepend=0).tolist()})
+    return [found["counts"].decode() for found in rle.frPyObjects(masks, height, width)] if masks else []
+
+
+def numbers_of_runs(runs: ObjectRuns, height: int) -> MaskNumbers:
+    """Centroids, areas and boxes of masks with these runs; each of the masks 0 to N - 1 has one at least."""
+    first = np.flatnonzero(np.diff(runs.mask, prepend=-1))
+    if not len(first):
+        return MaskNumbers(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
+    left, top = np.divmod(runs.start, height)
+    right, bottom = np.divmod(runs.stop - 1, height)
+    is_one_column = left == right
+    corners = (left, np.where(is_one_column, top, 0)), (right + 1, np.where(is_one_column, bottom, height - 1) + 1)
+    least, most = (
+        [extreme.reduceat(values, first) for values in of]
+        for extreme, of in zip((np.minimum, np.maximum), corners, strict=True)
+    )
+    area = np.add.reduceat(runs.stop - runs.start, first)
+    sums = _sums_before(runs.stop, height) - _sums_before(runs.start, height)
+    means = np.add.reduceat(sums, first, axis=1) / area
+    return MaskNumbers(means.T + PIXEL_CENTRE_PX, area, np.stack([*least, *most], 1))
+
+
+def _sums_before(place: NDArray[np.int64], height: int) -> NDArray[np.int64]:
+    """Sums (2, K) of the columns and of the rows of all pixels before a place (K,) in the image."""
+    column, row = np.divmod(place, height)
+    columns = height * (column * (column - 1) // 2) + column * row
+    rows = column * (height * (height - 1) // 2) + row * (row - 1) // 2
+    return np.stack([columns, rows])

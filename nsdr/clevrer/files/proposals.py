@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_ground_truth
-from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, MaskNumbers, numbers_of_runs, runs_of_mask
+from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX, ObjectRuns, numbers_of_runs, object_runs, runs_of_mask
 from nsdr.clevrer.files.schema import LARGEST_ID, check_frame
 from nsdr.errors import DataError
 from nsdr.io.files import by_number, find_files
 from nsdr.io.limits import check_limit, limits
 from nsdr.io.reading import parse_json, read_bytes, read_json, read_npz
 from nsdr.types import VideoProposals
-from nsdr.validation import Array, IntArray, Settings, Share, convert, expect
+from nsdr.validation import Array, FloatArray, IntArray, Settings, Share, convert, expect
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import VIDEO_FRAMES
 from nsdr.world.vocabulary import (
@@ -202,23 +202,50 @@ def proposals_from_rows(
     Raises:
         DataError: a mask that is damaged or of another size.
     """
-    kept: list[tuple[int, int, float, str]] = []
-    numbers: list[MaskNumbers] = []
-    for i in sorted(range(len(rows)), key=lambda i: rows[i][0]):
-        place = places[i] if places else f"frame {rows[i][0]}, row {i}: mask"
-        found = numbers_of_runs(runs_of_mask(rows[i][3], HEIGHT_PX, WIDTH_PX, place), HEIGHT_PX)
-        if found[1]:
-            kept.append(rows[i])
-            numbers.append(found)
+    order = sorted(range(len(rows)), key=lambda i: rows[i][0])
+    found = [places[i] if places else f"frame {rows[i][0]}, row {i}: mask" for i in order]
+    lengths = [runs_of_mask(rows[i][3], HEIGHT_PX, WIDTH_PX, place) for i, place in zip(order, found, strict=True)]
+    frame, attribute, score, masks = zip(*(rows[i] for i in order), strict=True) if rows else ((),) * 4
+    return proposals_from_runs(
+        n_frames,
+        np.array(frame, np.int64),
+        np.array(attribute, np.int64),
+        np.array(score, np.float64),
+        masks,
+        object_runs(lengths),
+        processed,
+    )
+
+
+def proposals_from_runs(
+    n_frames: int,
+    frame_index: IntArray,
+    attribute: IntArray,
+    score: FloatArray,
+    masks: Sequence[str],
+    runs: ObjectRuns,
+    processed: Sequence[int] | None = None,
+) -> VideoProposals:
+    """Make proposals from N masks and their runs; those with empty masks are dropped.
+
+    Args:
+        n_frames: number of frames of the video.
+        frame_index: (N,) ascending.
+        attribute: (N,) attribute indices.
+        score: (N,) in 0-1.
+        masks: N COCO run-length strings.
+        runs: the runs of the same masks.
+        processed: ascending frames that were processed; None for all.
+    """
+    seen = np.unique(runs.mask)
+    numbers = numbers_of_runs(runs._replace(mask=np.searchsorted(seen, runs.mask)), HEIGHT_PX)
     return VideoProposals(
         n_frames,
-        np.array([frame for frame, _, _, _ in kept], np.int64),
-        np.array([attribute for _, attribute, _, _ in kept], np.int64),
-        np.array([score for _, _, score, _ in kept], np.float64),
-        np.array([centroid for centroid, _, _ in numbers], np.float64).reshape(-1, 2),
-        np.array([area for _, area, _ in numbers], np.int64),
-        np.array([box for _, _, box in numbers], np.int64).reshape(-1, 4),
-        tuple(mask for _, _, _, mask in kept),
+        frame_index[seen],
+        attribute[seen],
+        score[seen],
+        *numbers,
+        tuple(masks[i] for i in seen),
         None if processed is None or len(processed) == n_frames else np.array(processed, np.int64),
     )
 
