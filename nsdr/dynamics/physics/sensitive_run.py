@@ -22,7 +22,7 @@ from nsdr.dynamics.physics.forces import (
     YAW,
     approach,
     drift,
-    rebound_at,
+    push,
     slow_down,
 )
 from nsdr.dynamics.sliding import slide_one
@@ -247,13 +247,30 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
+def _rates(shape, states, out):  # type: ignore[no-untyped-def]
+    """Write the rates of change of two states (2, 6) to `out` (2, 6): velocities and spins, and how damping and friction slow."""
+    slowed = states.copy()
+    for b in range(2):
+        slow_down(shape[b], slowed, b)
+        for c in range(2):
+            out[b, c] = states[b, 2 + c]
+            out[b, 2 + c] = (slowed[b, 2 + c] - states[b, 2 + c]) / STEP_SECONDS
+        out[b, YAW] = states[b, SPIN]
+        out[b, SPIN] = (slowed[b, SPIN] - states[b, SPIN]) / STEP_SECONDS
+
+
+@cached_njit
 def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ignore[no-untyped-def]
     """Write the states (2, 6) after a contact to `after`, and to `out` (2, 6, 15) their derivatives.
 
-    They are those by the states before (12), by both masses, and by the rebound.
+    They are those by the states before (12), by both masses, and by the rebound. Another state before makes the contact
+    earlier or later: the bodies then move on as before it until then, and as after it from then on, and they slow down
+    differently before and after.
     """
     gap, apart, _, _, _, _ = approach(shape, before, 0, 1)
     timed = apart < -_MIN_APPROACH_WORLD_PER_S and abs(gap - GIVEN_GAP_WORLD) < _TIMED_GAP_WORLD
+    rate, rate_after = np.empty((2, 6)), np.empty((2, 6))
+    _rates(shape, before, rate)
     masses, state = mass.copy(), np.empty((2, 6))
     for k in range(-1, 15):
         if 0 <= k < 12 and k % 6 >= YAW and shape[k // 6] != CUBE:
@@ -267,9 +284,17 @@ def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ig
         if timed:  # it happens when the gap is that of contacts
             gap, apart, _, _, _, _ = approach(shape, state, 0, 1)
             seconds = (gap - GIVEN_GAP_WORLD) / -apart
-        rebound_at(shape, state, masses, 0, 1, seconds, rebound + (_CONTACT_DIFFERENCE if k == 14 else 0.0))
         for b in range(2):
             for r in range(6):
+                state[b, r] += seconds * rate[b, r]
+        _, apart, nx, ny, ci, cj = approach(shape, state, 0, 1)
+        share = rebound + (_CONTACT_DIFFERENCE if k == 14 else 0.0)
+        push(shape, state, masses, 0, 1, -(1 + share) * apart, nx, ny, ci, cj)
+        if k < 0:
+            _rates(shape, state, rate_after)
+        for b in range(2):
+            for r in range(6):
+                state[b, r] -= seconds * rate_after[b, r]
                 if k < 0:
                     after[b, r] = state[b, r]
                 else:
