@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from nsdr import track
+from nsdr import Event, track
 from nsdr.clevrer.files.annotations import read_truth
 from nsdr.clevrer.files.proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_ground_truth
@@ -106,8 +106,9 @@ def print_errors(videos: list[Video], backend: Any) -> None:
         found = search_collisions(video.states, video.candidates, config)[0]
         frames = {e.objects: e.frame for e in found}
         counts["found"] += len(frames)
-        counts["network missing"] += len(video.true.keys() - search.probable)
-        counts["network extra"] += len(search.probable - video.true.keys())
+        probable, event_of = {e.objects for e in search.probable}, {e.objects: e for e in search.probability}
+        counts["network missing"] += len(video.true.keys() - probable)
+        counts["network extra"] += len(probable - video.true.keys())
         for pair in sorted(frames.keys() | video.true.keys()):
             if pair in frames and pair in video.true:
                 off[frames[pair] - video.true[pair]] += 1
@@ -115,8 +116,8 @@ def print_errors(videos: list[Video], backend: Any) -> None:
                 continue
             error = "missing" if pair in video.true else "extra"
             counts[error] += 1
-            no_candidate += pair not in search.probability
-            print(video.index, pair, _error_line(video, search, pair, frozenset(frames), error))
+            no_candidate += pair not in event_of
+            print(video.index, pair, _error_line(video, search, pair, event_of.get(pair), frozenset(found), error))
     true, lost = sum(len(v.true) for v in videos), sum(v.lost for v in videos)
     wrong = counts["missing"] + lost + counts["frame"], counts["extra"] + counts["frame"]
     f1 = 1 - sum(wrong) / (true + lost + counts["found"])
@@ -143,16 +144,21 @@ def print_errors(videos: list[Video], backend: Any) -> None:
 
 
 def _error_line(
-    video: Video, search: CollisionSearch, pair: tuple[int, ...], chosen: frozenset[Any], error: str
+    video: Video,
+    search: CollisionSearch,
+    pair: tuple[int, ...],
+    found: Event | None,
+    chosen: frozenset[Event],
+    error: str,
 ) -> str:
-    p, at = search.probability.get(pair, 0.0), video.true.get(pair, -1)
-    frame = at if at >= 0 else search.events[pair].frame
+    p, at = 0.0 if found is None else search.probability[found], video.true.get(pair, -1)
+    frame = at if at >= 0 or found is None else found.frame
     near = slice(max(frame - AROUND_FRAMES, 0), frame + AROUND_FRAMES + 1)
     hidden = ",".join(f"{1 - video.states.reliable[i, near].mean():.2f}" for i in pair)
-    line = f"{frame} {error} {p:.4f} {pair in search.uncertain} {hidden}"
-    if pair not in search.events:
+    line = f"{frame} {error} {p:.4f} {found in search.uncertain} {hidden}"
+    if found is None:
         return line
-    without, given = search.fitted(chosen - {pair}), search.fitted(chosen | {pair})
+    without, given = search.fitted(chosen - {found}), search.fitted(chosen | {found})
     return f"{line} {given.cost:.3f} {without.cost:.3f} {Evidence.of(pair, p, given).gap:.3f}"
 
 
@@ -161,10 +167,10 @@ def print_weights(videos: list[Video], backend: Any) -> None:
     rows, labels, groups = [], [], []
     for video in videos:
         search = CollisionSearch(video.states, video.candidates, backend.config)
-        for pair in search.uncertain:
-            e = search.evidence(pair, search.probable)
+        for event in search.uncertain:
+            e = search.evidence(event, search.probable)
             rows.append((1.0, e.network, e.gap))
-            labels.append(pair in video.true)
+            labels.append(event.objects in video.true)
             groups.append(video.index)
     x, y, fold = np.array(rows) / SCALES, np.array(labels), np.array(groups) // 5 % FOLDS
     print(f"{len(y)} uncertain pairs of {len(videos)} scenes, {y.sum()} true")

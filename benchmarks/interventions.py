@@ -25,6 +25,7 @@ import numpy as np
 
 from nsdr import Add, DataError, Event, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity, load_backend
 from nsdr.dynamics.interventions import resolve
+from nsdr.dynamics.metrics import same_collisions
 from nsdr.dynamics.physics.changed_bodies import change_bodies
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate
 from nsdr.generate.physics.bullet import Body, Simulator
@@ -316,9 +317,7 @@ def interval(pairs: list[Pair], tolerance: int) -> str:
 
 def counted(predicted: list[Event], true: list[Event], tolerance: int) -> tuple[int, int, int]:
     """Right, predicted and true collisions."""
-    frames = {e.objects: e.frame for e in true}
-    right = sum(abs(frames.get(e.objects, math.inf) - e.frame) <= tolerance for e in predicted)
-    return right, len(predicted), len(true)
+    return same_collisions(predicted, true, tolerance), len(predicted), len(true)
 
 
 def read_scene(path: Path, seed: int, simulator: Simulator, with_nudged: bool) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from nsdr.dynamics.track_smoothing import frames_in_image, smooth_tracks
 from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
-from nsdr.types import SceneObject, Track, VideoTracks
+from nsdr.types import Rollout, SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS, horizon_frame
 
@@ -159,6 +159,14 @@ def test_collision_scores() -> None:
     }
 
 
+def test_collisions_of_a_pair_that_meets_twice_count_one_by_one() -> None:
+    twice = [Event("collision", 20, (0, 1)), Event("collision", 90, (0, 1))]
+    assert set(collision_scores([(twice, twice)]).values()) == {1.0}
+    assert collision_scores([(twice[:1], twice)])["collision_recall"] == 0.5
+    near = [Event("collision", 21, (0, 1)), Event("collision", 22, (0, 1))]
+    assert collision_scores([(near, twice)])["collision_precision"] == 0.5
+
+
 def test_motion_data(tiny_motion) -> None:
     data = read_motion_dataset(*tiny_motion)
     assert len(data) == 4
@@ -174,6 +182,31 @@ def test_rollout_errors_are_small_for_straight_motion() -> None:
     errors = rollout_errors(StatePredictor(_Script(SMALL)), [states], starts=(40,))
     assert errors["rollout_error_10"] < 0.08
     assert np.isnan(errors["rollout_error_50"])
+
+
+def test_rollouts_are_measured_from_what_was_known_at_their_start() -> None:
+    """Red is hidden at the start, and when it is seen again it has turned; green comes later."""
+    frames = [f for f in range(60) if not 25 <= f < 45]
+    rows = [(f, a, s, (x, y + max(f - 45, 0)), b) for f, a, s, (x, y), b in moving(frames, RED, 50, 4)]
+    shown = []
+
+    class Remembers:
+        def continue_motion(self, states: MotionStates) -> Rollout:
+            shown.append(states)
+            return Rollout(np.zeros((1, 70, 2)), np.zeros((1, 70), bool), ())
+
+    video = track(as_proposals(rows + moving(range(46, 60), GREEN, 400, -0.4), 60))
+    states = states_from_tracks(video)
+    patches = np.broadcast_to(np.arange(60, dtype=np.uint8)[:, None, None, None], (2, 60, 4, 1, 1))
+    rollout_errors(Remembers(), [replace(states, patches=patches)], starts=(40,))
+    [known] = shown
+    early = track(as_proposals([row for row in rows if row[0] < 40], 40))
+    expected = states_from_tracks(early)
+    assert known.objects == expected.objects
+    for name in ("location_world", "detected", "reliable", "present", "box_px"):
+        np.testing.assert_array_equal(getattr(known, name), getattr(expected, name))
+    assert known.patches is not None
+    assert known.patches.max() == 24
 
 
 def test_positions_continue_in_straight_lines_beyond_the_video() -> None:

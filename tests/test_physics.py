@@ -120,7 +120,7 @@ def test_prescribed_objects_keep_their_motion_until_something_meets_them() -> No
     )
     motion = run(TWO, 60, prescribed=prescribed)
     np.testing.assert_allclose(motion.states, free.states, atol=1e-9)
-    assert motion.free_from[1] == pytest.approx(free.contacts[0, 0, 1], abs=1)
+    assert motion.free_from[0, 1] == pytest.approx(free.contacts[0, 0, 1], abs=1)
 
 
 def test_without_its_partner_a_prescribed_collision_does_not_happen() -> None:
@@ -300,6 +300,20 @@ def test_uncertain_observed_collisions_hold_without_other_objects_too() -> None:
     sure = PhysicsPredictor(Detector((hit, 0.9999)), config)._fitted(seen(motion, start.shape), None)
     assert sure.rollout(None).uncertain == ()
     assert sure.rollout(2).uncertain == ()
+
+
+@pytest.mark.parametrize("first", [0, 30])
+def test_given_collisions_are_kept_at_the_first_frame_and_of_pairs_that_meet_twice(first: int) -> None:
+    start = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 1.9, 0.0, 0.0))
+    given = [Event("collision", frame, (0, 1)) for frame in (first, 70)]
+    predictor = PhysicsPredictor(Detector(*[(event, 1.0) for event in given]), PhysicsConfig(runs=3))
+    scene = predictor._fitted(seen(run(start), start.shape), None)
+    assert list(scene.rollout().collisions) == given
+    assert list(scene.rollout(2).collisions) == given
+    assert scene.rollout(1).collisions == ()
+    for from_frame in (0, 40):
+        without_change, _ = scene.original(0, from_frame)
+        assert list(without_change.collisions) == given
 
 
 def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:

@@ -1,12 +1,11 @@
 """Agreement of predicted collisions and motion with what happened."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.motion_states import MotionStates, first_frames
 from nsdr.types import Event, Rollout
 from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
@@ -15,8 +14,7 @@ def collision_scores(pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]]) -
     """Precision, recall and F1 of (predicted, true) collisions: same pair, frames at most `SAME_EVENT_FRAMES` apart."""
     right = predicted_total = true_total = 0
     for predicted, true in pairs:
-        frames = {e.objects: e.frame for e in true}
-        right += sum(abs(frames.get(e.objects, -100) - e.frame) <= SAME_EVENT_FRAMES for e in predicted)
+        right += same_collisions(predicted, true)
         predicted_total += len(predicted)
         true_total += len(true)
     return {
@@ -24,6 +22,18 @@ def collision_scores(pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]]) -
         "collision_recall": right / max(true_total, 1),
         "collision_f1": 2 * right / max(predicted_total + true_total, 1),
     }
+
+
+def same_collisions(
+    predicted: Sequence[Event], true: Sequence[Event], tolerance_frames: int = SAME_EVENT_FRAMES
+) -> int:
+    """Number of predicted collisions with a true one: same pair, frames at most so far apart, each true one counted once."""
+    left = sorted(true, key=lambda e: e.frame)
+    for event in sorted(predicted, key=lambda e: e.frame):
+        fits = (e for e in left if e.objects == event.objects and abs(e.frame - event.frame) <= tolerance_frames)
+        if (first := next(fits, None)) is not None:
+            left.remove(first)
+    return len(true) - len(left)
 
 
 class Continues(Protocol):
@@ -38,20 +48,17 @@ def rollout_errors(
 ) -> dict[str, float]:
     """Median and 90th percentile (`_p90`) distance (world units) of rollouts from real tracks, 10, 25 and 50 frames ahead.
 
-    A rollout sees the frames before its start, one of `starts`, only. Objects without a position in the rollout are left out.
+    A rollout starts from what is known when only the frames before its start have been seen (`first_frames`), for each of
+    `starts`. Objects without a position in the rollout are left out, and those that were not yet, or are no longer, in view at
+    the start.
     """
     distances: dict[int, list[float]] = {10: [], 25: [], 50: []}
     for states in scenes:
         for start in starts:
-            here = states.present[:, :start].any(1)
+            here = states.detected[:, :start].any(1)
             if not here.any():
                 continue
-            names = ("location_world", "detected", "reliable", "present", "box_px", "patches")
-            arrays = {name: getattr(states, name) for name in names}
-            shown: dict[str, Any] = {k: None if a is None else a[here, :start] for k, a in arrays.items()}
-            objects = (states.objects[i] for i in np.flatnonzero(here))
-            cut = replace(states, objects=tuple(replace(o, id=i) for i, o in enumerate(objects)), **shown)
-            rollout = predictor.continue_motion(cut)
+            rollout = predictor.continue_motion(first_frames(states, start))
             for ahead, collected in distances.items():
                 frame = start - 1 + ahead
                 if frame < min(states.present.shape[1], rollout.location_world.shape[1]):

@@ -1,7 +1,7 @@
 """Tracks as dense arrays: a position for every object and frame, with what is known of its reliability."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ class MotionStates:
         box_px: (n, F, 4) float, centre (column, row), width and height of the box; interpolated between detections.
         patches: (n, F, 4, cells, cells) uint8, image and mask around each object (`nsdr.dynamics.propnet.patches`); None
             for networks that read no images.
-        camera: that took the video.
+        camera: the camera that took the video.
     """
 
     objects: tuple[SceneObject, ...]
@@ -76,27 +76,56 @@ def detections_in(frames: int, spacing_frames: float) -> int:
 def states_from_tracks(video: VideoTracks) -> MotionStates:
     """Dense states of all tracks of a video."""
     n, frames = len(video.tracks), video.n_frames
-    location = np.zeros((n, frames, 2))
-    detected, present = (np.zeros((n, frames), bool) for _ in range(2))
+    location, detected = np.zeros((n, frames, 2)), np.zeros((n, frames), bool)
     box = np.full((n, frames, 4), np.nan)
     for i, t in enumerate(video.tracks):
         detected[i, t.frame_index] = True
-        present[i, t.frame_index[0] : t.frame_index[-1] + 1] = True
+        location[i, t.frame_index] = t.location_world
         box[i, t.frame_index] = t.box_xyxy_px
     reliable = detected & ~hidden_sides(box.transpose(1, 0, 2)).any(-1).T
-    every, centred = np.arange(frames), np.zeros((n, frames, 4))
+    centre_and_size = np.concatenate([(box[..., :2] + box[..., 2:]) / 2, box[..., 2:] - box[..., :2]], -1)
     objects = tuple(t.object for t in video.tracks)
-    states = MotionStates(objects, location, detected, reliable, present, centred, camera=video.camera)
-    for i, t in enumerate(video.tracks):
-        seen, sides = t.frame_index, t.box_xyxy_px.astype(float)
-        for axis in range(2):
-            location[i, :, axis] = np.interp(every, seen, t.location_world[:, axis])
-        centre_and_size = np.concatenate([(sides[:, :2] + sides[:, 2:]) / 2, sides[:, 2:] - sides[:, :2]], 1)
-        centred[i] = np.stack([np.interp(every, seen, column) for column in centre_and_size.T], 1)
-        first, last = _line_samples(seen, reliable[i, seen], states.spacing_frames)
+    return _filled(MotionStates(objects, location, detected, reliable, detected, centre_and_size, camera=video.camera))
+
+
+def first_frames(states: MotionStates, n_frames: int) -> MotionStates:
+    """What is known of a video's motion when only its first frames have been seen.
+
+    Objects that were not detected in them are left out. Where an object was not detected, or its patch is that of another
+    frame, the later frames no longer tell. An object that was not seen whole in these frames has black patches.
+    """
+    seen = np.flatnonzero(states.detected[:, :n_frames].any(1))
+    names = ("location_world", "detected", "reliable", "present", "box_px")
+    arrays = {name: getattr(states, name)[seen, :n_frames] for name in names}
+    objects = tuple(replace(states.objects[i], id=k) for k, i in enumerate(seen.tolist()))
+    patches = None if states.patches is None else states.patches[seen, :n_frames].copy()
+    for i, whole in enumerate(arrays["reliable"]) if patches is not None else ():
+        frames = np.flatnonzero(whole)
+        nearest = np.abs(frames - np.arange(n_frames)[:, None]).argmin(1) if len(frames) else frames
+        patches[i] = patches[i, frames[nearest]] if len(frames) else 0
+    return _filled(replace(states, objects=objects, patches=patches, **arrays))
+
+
+def _filled(measured: MotionStates) -> MotionStates:
+    """States whose places and boxes in frames without a detection follow from those with one, and so where they are present."""
+    states = replace(
+        measured,
+        location_world=measured.location_world.astype(float),
+        box_px=np.zeros(measured.box_px.shape),
+        present=np.zeros_like(measured.detected),
+    )
+    every = np.arange(measured.detected.shape[1])
+    for i, detected in enumerate(measured.detected):
+        seen = np.flatnonzero(detected)
+        place, box = measured.location_world[i, seen], measured.box_px[i, seen]
+        location = states.location_world[i]
+        location[:] = np.stack([np.interp(every, seen, column) for column in place.T], 1)
+        states.box_px[i] = np.stack([np.interp(every, seen, column) for column in box.T], 1)
+        states.present[i, seen[0] : seen[-1] + 1] = True
+        first, last = _line_samples(seen, measured.reliable[i, seen], measured.spacing_frames)
         before, after = every < seen[0], every > seen[-1]
-        location[i, before] = _line(seen[first], t.location_world[first], every[before])
-        location[i, after] = _line(seen[last], t.location_world[last], every[after])
+        location[before] = _line(seen[first], place[first], every[before])
+        location[after] = _line(seen[last], place[last], every[after])
     return states
 
 

@@ -16,6 +16,8 @@ from nsdr.dynamics.physics.trajectory_fit import GOOD_COST, TrajectoryFit, fit_t
 from nsdr.types import Event
 
 Pair = tuple[int, ...]
+Collisions = frozenset[Event]
+"""Of one video; a pair may collide more than once."""
 TRIED_FROM = 0.01
 """Candidates with a probability between this and 1 minus this are tried both ways; the others are taken as they are."""
 BIAS, NETWORK_WEIGHT, GAP_WEIGHT = 0.623, 0.636, -42.6
@@ -85,8 +87,9 @@ class CollisionSearch:
         config: number of trials and restarts.
 
     Attributes:
-        uncertain: pairs that are tried both ways, the most uncertain first.
-        probable: pairs that collide more probably than not.
+        probability: of each candidate, by the detector.
+        uncertain: collisions that are tried both ways, the most uncertain first.
+        probable: collisions that are more probable than not.
     """
 
     def __init__(
@@ -96,36 +99,35 @@ class CollisionSearch:
         config: PhysicsConfig | None = None,
     ) -> None:
         self.states, self.config = states, config or PhysicsConfig()
-        self.events = {event.objects: event for event, _ in candidates}
-        self.probability = {event.objects: p for event, p in candidates}
-        self.probable: frozenset[Pair] = frozenset(pair for pair, p in self.probability.items() if p > 0.5)
-        tried = [(abs(p - 0.5), pair) for pair, p in self.probability.items() if TRIED_FROM < p < 1 - TRIED_FROM]
-        self.uncertain = [pair for _, pair in sorted(tried)]
-        self._fits: dict[frozenset[Pair], TrajectoryFit] = {}
-        self._repeated: set[frozenset[Pair]] = set()
+        self.probability = dict(candidates)
+        self.probable: Collisions = frozenset(event for event, p in candidates if p > 0.5)
+        tried = [(abs(p - 0.5), event.objects, event) for event, p in candidates if TRIED_FROM < p < 1 - TRIED_FROM]
+        self.uncertain = [event for _, _, event in sorted(tried, key=lambda one: one[:2])]
+        self._fits: dict[Collisions, TrajectoryFit] = {}
+        self._repeated: set[Collisions] = set()
 
-    def can_try(self, pairs: frozenset[Pair]) -> bool:
+    def can_try(self, collisions: Collisions) -> bool:
         """Whether a fit with these collisions is there already, or may still be made."""
-        return pairs in self._fits or max(len(self._fits), 1) <= self.config.trials
+        return collisions in self._fits or max(len(self._fits), 1) <= self.config.trials
 
-    def fitted(self, pairs: frozenset[Pair], near: TrajectoryFit | None = None) -> TrajectoryFit:
+    def fitted(self, collisions: Collisions, near: TrajectoryFit | None = None) -> TrajectoryFit:
         """The fit with these collisions; where it is new, it starts from `near`, None for a first guess."""
-        if pairs not in self._fits:
-            self._fits[pairs] = self._fit(pairs, near)
-        return self._fits[pairs]
+        if collisions not in self._fits:
+            self._fits[collisions] = self._fit(collisions, near)
+        return self._fits[collisions]
 
-    def _fit(self, pairs: frozenset[Pair], near: TrajectoryFit | None) -> TrajectoryFit:
-        return fit_trajectories(self.states, self.collisions(pairs), self.config.restarts, near)
+    def _fit(self, collisions: Collisions, near: TrajectoryFit | None) -> TrajectoryFit:
+        return fit_trajectories(self.states, self.in_order(collisions), self.config.restarts, near)
 
-    def collisions(self, pairs: frozenset[Pair]) -> list[Event]:
-        """The events of pairs, in order of time."""
-        return sorted((self.events[pair] for pair in pairs), key=lambda e: e.frame)
+    def in_order(self, collisions: Collisions) -> list[Event]:
+        """The collisions in order of time, those of one frame in the order of the candidates."""
+        return sorted((event for event in self.probability if event in collisions), key=lambda e: e.frame)
 
-    def evidence(self, pair: Pair, chosen: frozenset[Pair]) -> Evidence:
-        """For a pair's collision, given the others among the chosen ones."""
-        given, without = chosen | {pair}, chosen - {pair}
+    def evidence(self, event: Event, chosen: Collisions) -> Evidence:
+        """For a collision, given the others among the chosen ones."""
+        given, without, pair = chosen | {event}, chosen - {event}, event.objects
         first = self.fitted(chosen)
-        if pair not in chosen and _meet(first, pair):
+        if event not in chosen and _meet(first, pair):
             self.fitted(given, first)
         stuck = not _meet(self.fitted(given), pair) and _meet(self.fitted(without), pair)
         if stuck and given not in self._repeated:
@@ -134,7 +136,7 @@ class CollisionSearch:
             again = self._fit(given, self.fitted(without))
             if again.cost < self.fitted(given).cost:
                 self._fits[given] = again
-        return Evidence.of(pair, self.probability[pair], self.fitted(given))
+        return Evidence.of(pair, self.probability[event], self.fitted(given))
 
 
 class FoundCollisions(NamedTuple):
@@ -168,13 +170,13 @@ def search_collisions(
     chosen, seen, changed = search.probable, {search.probable}, True
     while changed:
         changed = False
-        for pair in search.uncertain:
-            other = chosen ^ {pair}
+        for event in search.uncertain:
+            other = chosen ^ {event}
             if other in seen or not search.can_try(other):
                 continue
-            probability[pair] = search.evidence(pair, chosen).probability
-            if (probability[pair] > 0.5) != (pair in chosen):
+            probability[event] = search.evidence(event, chosen).probability
+            if (probability[event] > 0.5) != (event in chosen):
                 chosen, changed = other, True
                 seen.add(chosen)
-    judged = [(event, probability[event.objects]) for event, _ in candidates]
-    return FoundCollisions(search.collisions(chosen), search.fitted(chosen), judged)
+    judged = [(event, probability[event]) for event, _ in candidates]
+    return FoundCollisions(search.in_order(chosen), search.fitted(chosen), judged)

@@ -151,11 +151,11 @@ class FittedScene:
         """
         rollout, yaw = self._unchanged()
         rollout = with_smoothed_tracks(rollout, self.smoothed)
-        earlier, repeated = {e.objects for e in self._earlier(from_frame)}, []
+        unchanged = change_bodies(self._bodies_at(from_frame), Changes((), self.states.objects))
+        earlier, repeated = {e.objects for e in self._earlier(from_frame, unchanged.exists)}, []
         if earlier:
-            unchanged = change_bodies(self._bodies_at(from_frame), Changes((), self.states.objects))
             later = self._later_collisions(unchanged, from_frame)[1]
-            repeated = [(event, p) for event, p in later if event.objects in earlier]
+            repeated = [(event, p) for event, p in later if event.objects in earlier and event not in self.observed]
         collisions, uncertain = self._judged(repeated)
         speed = rollout.speed_world_per_s
         assert speed is not None
@@ -191,10 +191,10 @@ class FittedScene:
         rollout = Rollout(
             location,
             self._visible(run, changed.exists, changed.simulated, from_frame, shapes),
-            tuple(sorted([*self._earlier(from_frame), *collisions], key=lambda e: e.frame)),
+            tuple(sorted([*self._earlier(from_frame, changed.exists), *collisions], key=lambda e: e.frame)),
             None,
             speed,
-            (*(one for one in self.uncertain if 0 < one.event.frame <= from_frame), *uncertain),
+            (*(one for one in self.uncertain if _is_earlier(one.event, from_frame, changed.exists)), *uncertain),
         )
         return rollout, yaw
 
@@ -203,9 +203,9 @@ class FittedScene:
         collisions = [event for event, p in found if p > self.config.collision_threshold]
         return collisions, [UncertainCollision(event, p) for event, p in found if p <= 1 - MIN_PROBABILITY]
 
-    def _earlier(self, from_frame: int) -> list[Event]:
-        """Collisions that interventions at a frame cannot change."""
-        return [e for e in self.observed if 0 < e.frame <= from_frame]
+    def _earlier(self, from_frame: int, exists: BoolArray) -> list[Event]:
+        """Collisions that interventions at a frame, after which the objects (n,) exist, cannot change."""
+        return [e for e in self.observed if _is_earlier(e, from_frame, exists)]
 
     def _later_collisions(
         self, changed: ChangedBodies, from_frame: int
@@ -213,7 +213,8 @@ class FittedScene:
         """The runs from a frame on, and the collisions after it that are not ruled out, with their probabilities."""
         run = self._run(changed, from_frame)
         frames = run.contacts
-        for event in self._earlier(from_frame):  # while they touch or soon after, it is the same collision
+        earlier = self._earlier(from_frame, changed.exists)
+        for event in earlier:  # while they touch or soon after, it is the same collision
             i, j = event.objects
             continued = frames[:, i, j] <= max(event.frame + CONTACT_PAUSE_STEPS // STEPS_PER_FRAME, from_frame + 1)
             frames[continued, i, j] = frames[continued, j, i] = NO_CONTACT
@@ -223,9 +224,17 @@ class FittedScene:
         # one that was probably none happens in the runs, or else as probably as in the video.
         for one in self.uncertain:
             (i, j), p = one.event.objects, one.probability
-            if untouched[[i, j]].all() and (from_frame == 0 or one.event.frame > from_frame):
+            if untouched[[i, j]].all() and not _is_earlier(one.event, from_frame, changed.exists):
                 share[i, j] = share[i, j] * p if (i, j) in found else 1 - (1 - share[i, j]) * (1 - p)
-        return run, self._probable_collisions(frames, share)
+        return run, [*self._probable_collisions(frames, share), *self._repeated(run, changed, from_frame)]
+
+    def _repeated(self, run: SimulatedMotion, changed: ChangedBodies, from_frame: int) -> list[tuple[Event, float]]:
+        """Further collisions of pairs in the video that the runs keep, with their shares of runs."""
+        later = [e for e in self.observed if not _is_earlier(e, from_frame, changed.exists)]
+        pairs = [e.objects for e in later]
+        again = [e for k, e in enumerate(later) if e.objects in pairs[:k] and changed.exists[list(e.objects)].all()]
+        kept = [(e, float((run.free_from[:, e.objects] >= e.frame).all(1).mean())) for e in again]
+        return [(event, p) for event, p in kept if p >= MIN_PROBABILITY]
 
     def _probable_collisions(self, frames: IntArray, probability: FloatArray) -> list[tuple[Event, float]]:
         """Collisions that are not ruled out, with their probabilities.
@@ -296,7 +305,7 @@ class FittedScene:
     def _as_observed(self, run: SimulatedMotion, simulated: BoolArray, from_frame: int) -> BoolArray:
         """(n, F) bool: where objects keep the motion of the video."""
         frame = np.arange(self.total)
-        return (frame < from_frame) | ((frame <= run.free_from[:, None]) & ~simulated[:, None])
+        return (frame < from_frame) | ((frame <= run.free_from[0, :, None]) & ~simulated[:, None])
 
     def _visible(
         self,
@@ -314,6 +323,14 @@ class FittedScene:
         there = exists[:, None] | (np.arange(self.total) < from_frame)
         position = np.where((~as_observed & there)[..., None], run.states[..., POSITION], np.nan)
         return np.where(as_observed, observed, rollout_in_image(shapes, position, self.states.camera)) & there
+
+
+def _is_earlier(event: Event, from_frame: int, exists: BoolArray) -> bool:
+    """Whether interventions at a frame, after which the objects (n,) exist, leave a collision as it was.
+
+    What is removed at the first frame was never there.
+    """
+    return event.frame <= from_frame and (from_frame > 0 or bool(exists[list(event.objects)].all()))
 
 
 def _padded(values: NDArray[Any], extra: int, value: float | bool) -> NDArray[Any]:

@@ -248,7 +248,7 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def _rates(shape, states, out):  # type: ignore[no-untyped-def]
-    """Write the rates of change of two states (2, 6) to `out` (2, 6): velocities and spins, and how damping and friction slow."""
+    """Write the rates of change of two states (2, 6) to `out` (2, 6): damping and friction change velocities and spins."""
     slowed = states.copy()
     for b in range(2):
         slow_down(shape[b], slowed, b)

@@ -81,7 +81,7 @@ class SimulatedMotion:
     Attributes:
         states: (n, F, 6) rows; zero before the first frame.
         contacts: (1 + R, n, n) int, the frame of each pair's first contact in each run, `NO_CONTACT` for none.
-        free_from: (n,) int, the frame from which each object is simulated.
+        free_from: (1 + R, n) int, the frame from which each object is simulated in each run.
     """
 
     states: FloatArray
@@ -121,8 +121,8 @@ def simulate(
         _run(shape, state, change, own_mass, exists, rebound, rows, until, collisions, start, n_frames)
         for change, own_mass in runs
     ]
-    states, _, free_from = results[0]
-    return SimulatedMotion(states, np.stack([contact for _, contact, _ in results]), free_from)
+    _, contacts, free_from = zip(*results, strict=True)
+    return SimulatedMotion(results[0][0], np.stack(contacts), np.stack(free_from))
 
 
 @cached_njit
@@ -179,8 +179,9 @@ def _follow_prescribed(rows, change, collisions, until, frame, exists, state, co
         i, j, when = collisions[e, 0], collisions[e, 1], collisions[e, 2]
         if when - 1 == frame:
             if exists[i] and exists[j] and frame < free_from[i] and frame < free_from[j]:
-                contact[i, j] = contact[j, i] = when
                 touched[i, j] = True
+                if contact[i, j] == NO_CONTACT:
+                    contact[i, j] = contact[j, i] = when
             else:
                 free_from[i] = min(free_from[i], frame)
                 free_from[j] = min(free_from[j], frame)

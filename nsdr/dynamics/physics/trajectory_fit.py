@@ -123,7 +123,7 @@ class _Problem:
             collides = any(i in e.objects for e in collisions)
             is_used = {0: True, 1: True, 2: moving, 3: moving, LOG_MASS: collides, YAW: self.shape[i] == CUBE}
             rows += [(kind, i, -1) for kind, used in is_used.items() if used]
-        rows += [(PAIR_REBOUND, *e.objects) for e in collisions]
+        rows += [(PAIR_REBOUND, *pair) for pair in dict.fromkeys(e.objects for e in collisions)]
         parameters = np.array(rows)
         self.unit = UNITS[parameters[:, 0]]
         prior = np.full((len(rows), 2), np.inf)
