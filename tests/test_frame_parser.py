@@ -409,6 +409,15 @@ def test_the_rest_of_a_hidden_object_is_no_second_one() -> None:
     assert [t.object.color for t in track(as_proposals(whole + fragment)).tracks] == ["red"]
 
 
+@pytest.mark.parametrize("missing", [(), (20,)])
+@pytest.mark.parametrize("better", [RED, BLUE])
+def test_of_two_labels_for_one_object_the_surer_one_stays(better: int, missing: tuple[int, ...]) -> None:
+    other = BLUE if better == RED else RED
+    frames = [f for f in range(40) if f not in missing]
+    rows = moving(range(40), better, 50, 0, score=0.99) + moving(frames, other, 51, 0, score=0.95)
+    assert [t.object.color for t in track(as_proposals(rows)).tracks] == ["red" if better == RED else "blue"]
+
+
 def test_two_tracklets_of_one_triple_become_one_track() -> None:
     rows = moving(range(40), RED, 50, 4) + moving(range(10, 30), RED, 300, 0)
     video = track(as_proposals(rows))

@@ -24,7 +24,7 @@ from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
 
-from .test_frame_parser import RED, as_proposals, moving
+from .test_frame_parser import BLUE, RED, as_proposals, moving
 
 OTHER = Camera(eye_world=(3.6, 1.6, 3.2), target_world=(0.2, -0.3, 0.1), lens_mm=28.0)
 
@@ -70,16 +70,34 @@ def test_a_camera_sees_its_target_in_the_middle_and_upright() -> None:
     np.testing.assert_allclose(OTHER.ground(OTHER.pixels([1.0, -0.7, 0.2])), [1.0, -0.7], atol=1e-9)
 
 
+LEVEL = Camera(eye_world=(6.0, 0.0, 1.0), target_world=(0.0, 0.0, 0.5))
+"""The horizon lies in its image."""
+
+
+def test_above_the_horizon_there_is_no_ground() -> None:
+    np.testing.assert_allclose(LEVEL.ground(LEVEL.pixels([[-3.0, 1.0, 0.2], [2.0, -1.0, 0.2]])), [[-3, 1], [2, -1]])
+    assert np.isnan(LEVEL.ground([[240.0, 20.0], [10.0, 110.0]])).all()
+    stone = moving(range(40), RED, 100, 3)
+    cloud = [
+        (f, BLUE, s, (x, 30.0), [box[0], 15, box[2], 45]) for f, _, s, (x, _), box in moving(range(40), RED, 50, 3)
+    ]
+    low = [(f, a, s, (x, 250.0), [box[0], 235, box[2], 265]) for f, a, s, (x, _), box in stone]
+    assert [t.object.color for t in track(as_proposals(low + cloud), camera=LEVEL).tracks] == ["red"]
+    with pytest.raises(ValueError, match="above the ground"):
+        Camera(eye_world=(6.0, 0.0, 1.0), target_world=(0.0, 0.0, 5.0))
+
+
 @pytest.mark.parametrize("shape", ["cube", "sphere", "cylinder"])
-def test_positions_follow_from_masks_by_any_camera(shape: str) -> None:
-    polygon = outline(shape, 0.4, -0.6, 0.3, OTHER)
+@pytest.mark.parametrize("camera", [OTHER, LEVEL])
+def test_positions_follow_from_masks_by_any_camera(shape: str, camera: Camera) -> None:
+    polygon = outline(shape, 0.4, -0.6, 0.3, camera)
     box = np.array([[*polygon.min(0), *polygon.max(0)]])
     x, y = polygon.T
     cross = x * np.roll(y, -1) - np.roll(x, -1) * y
     centroid = np.array([((x + np.roll(x, -1)) * cross).sum(), ((y + np.roll(y, -1)) * cross).sum()]) / (
         3 * cross.sum()
     )
-    (found,) = ground_location(shape, centroid[None], box, hidden_sides(box), OTHER)
+    (found,) = ground_location(shape, centroid[None], box, hidden_sides(box), camera)
     np.testing.assert_allclose(found, [0.4, -0.6], atol=0.03)
 
 

@@ -25,7 +25,7 @@ GRID_COLUMNS, GRID_ROWS = 15, 12
 GRID_MARGIN_PX = 20
 """Distance of the grid's left, right and bottom edges outside the image (pixels)."""
 GRID_TOP_PX = 10
-"""Image row of the grid's top edge (pixels)."""
+"""Image row of the grid's top edge (pixels), where the ground is not already far away there."""
 CUBE_YAWS = 6
 """Number of yaws between 0 and 90 degrees that a cube's outline is averaged over."""
 POLYNOMIAL_DEGREE = 3
@@ -75,7 +75,7 @@ def _calibration(camera: Camera) -> dict[str, tuple[FloatArray, FloatArray]]:
     """
     columns, rows = np.meshgrid(
         np.linspace(-GRID_MARGIN_PX, WIDTH_PX + GRID_MARGIN_PX, GRID_COLUMNS),
-        np.linspace(GRID_TOP_PX, HEIGHT_PX + GRID_MARGIN_PX, GRID_ROWS),
+        np.linspace(max(GRID_TOP_PX, camera.far_row_px), HEIGHT_PX + GRID_MARGIN_PX, GRID_ROWS),
     )
     centres = np.stack([columns.ravel(), rows.ravel()], 1)
     result = {}
@@ -119,7 +119,7 @@ def ground_location(
         camera: that took the image, of 480x320 pixels.
 
     Returns:
-        (N, 2) world (x, y) of the objects' centres.
+        (N, 2) world (x, y) of the objects' centres; NaN where an outline lies above the horizon.
     """
     to_centre, to_edges = _calibration(camera)[shape]
     centroid, size = np.asarray(centroid_px, float), np.array([WIDTH_PX, HEIGHT_PX])

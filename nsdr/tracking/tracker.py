@@ -40,9 +40,9 @@ LATE_SHARE = 0.6
 """An identity that enters late must be seen in this share of the frames from its first one to the video's end. Set like
 `TrackerConfig.min_frames`."""
 DUPLICATE_WORLD, DUPLICATE_SHARE = 0.25, 0.33
-"""A track is dropped that is nearer than this to a longer one in this share of its frames: centres of two objects are at least
-0.4 apart (world units). Set on `train`, whose missing and spurious objects `python benchmarks/objects.py` counts: 51 and 9 of
-42,745. Smaller values keep more spurious ones, larger ones drop objects."""
+"""A track is dropped that is nearer than this to a longer one, or to an equally long and surer one, in this share of its
+frames: centres of two objects are at least 0.4 apart (world units). Set on `train`, whose missing and spurious objects
+`python benchmarks/objects.py` counts: 51 and 9 of 42,745. Smaller values keep more spurious ones, larger ones drop objects."""
 SAME_IOU = 0.5
 """Boxes of two consecutive frames that overlap this much (intersection over union) can be one object's, whatever the distance
 between their places: at the border and far away, places are off by more than objects move."""
@@ -122,6 +122,7 @@ def track(
         )
     kept = np.flatnonzero(proposals.score > c.score)
     positions = _positions(proposals, kept, camera)
+    kept = kept[np.isfinite(positions[kept]).all(1)]  # nothing stands above the horizon
     linked = [tracklet.rows for tracklet in _link(proposals, kept, positions, spacing)]
     parts = [part for rows in linked for part in _cut_at_switches(proposals, rows, spacing)]
     tracks = []
@@ -131,7 +132,8 @@ def track(
             found = SceneObject(0, *attributes_of(attribute)), proposals.frame_index[rows], positions[rows]
             measured = proposals.centroid_px[rows], proposals.box_xyxy_px[rows], proposals.score[rows]
             tracks.append(Track(*found, *measured))
-    tracks = [t for t in tracks if not any(_is_duplicate(t, o) for o in tracks)]
+    tracks.sort(key=lambda t: (len(t.frame_index), float(t.score.sum())), reverse=True)
+    tracks = [t for k, t in enumerate(tracks) if not any(_share_place(t, better) for better in tracks[:k])]
     tracks.sort(key=lambda t: (int(t.frame_index[0]), t.object.name))
     numbered = [replace(t, object=replace(t.object, id=i)) for i, t in enumerate(tracks)]
     return VideoTracks(proposals.n_frames, tuple(numbered), camera, tuple(notes))
@@ -166,11 +168,9 @@ def _enters_late(proposals: VideoProposals, rows: list[int], min_frames: int, sp
     )
 
 
-def _is_duplicate(t: Track, other: Track) -> bool:
-    """Whether a track is the same object as a longer one: two objects cannot share a place."""
+def _share_place(t: Track, other: Track) -> bool:
+    """Whether a track is the same object as one of at least as many detections: two objects cannot share a place."""
     frames, known = t.frame_index, other.frame_index
-    if len(frames) >= len(known):
-        return False
     place = [np.interp(frames, known, axis, left=np.nan, right=np.nan) for axis in other.location_world.T]
     near = np.hypot(*(t.location_world.T - place)) < DUPLICATE_WORLD
     return bool(near.mean() >= DUPLICATE_SHARE)

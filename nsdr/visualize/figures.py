@@ -57,7 +57,8 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, came
     low, high = _extent(prediction, rollout)
     height_in = PLAN_WIDTH_IN * float((high[1] - low[1]) / (high[0] - low[0]))
     figure, axes = pyplot().subplots(figsize=(PLAN_WIDTH_IN + LEGEND_WIDTH_IN, height_in), constrained_layout=True)
-    corners_px = [(0, FAR_EDGE_PX), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, FAR_EDGE_PX)]
+    far = max(FAR_EDGE_PX, camera.far_row_px)
+    corners_px = [(0, far), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, far)]
     axes.fill(*_on_plan(camera.ground(np.array(corners_px), 0.0)).T, color="0.96", zorder=0)
     last = prediction.n_frames - 1
     for o in prediction.objects:

@@ -52,7 +52,8 @@ def draw_plan(
         (320, 480, 3) uint8 RGB.
     """
     image = np.full((HEIGHT_PX, WIDTH_PX, 3), OUTSIDE, np.uint8)
-    corners = [(0, FAR_EDGE_PX), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, FAR_EDGE_PX)]
+    far = max(FAR_EDGE_PX, camera.far_row_px)
+    corners = [(0, far), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, far)]
     cv2.fillPoly(image, [_pixels(camera.ground(np.array(corners), 0.0))], GROUND, cv2.LINE_AA, SUBPIXEL_BITS)
     if ghost is not None:
         for o in objects:

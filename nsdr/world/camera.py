@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+from nsdr.world.physics_constants import GROUND_HALF_WIDTH_WORLD, OBJECT_RADIUS_WORLD
 
 WIDTH_PX, HEIGHT_PX = 480, 320
 """Size of the released videos (pixels)."""
@@ -21,6 +21,8 @@ SENSOR_MM = 32.0
 MIN_HEIGHT_WORLD, MIN_ASIDE_WORLD = 0.5, 0.1
 """The camera's least height, and its least distance from the vertical through its target, where images have no upward direction
 (world units)."""
+FAR_WORLD = 2 * GROUND_HALF_WIDTH_WORLD
+"""The ground is looked at up to this depth: beyond, on the way to the horizon, there are no objects (world units)."""
 _GRID_PER_PIXEL = 1 / 3.2
 """Grid units per pixel: 320x480 pixels are 100x150 grid units."""
 
@@ -42,7 +44,7 @@ class Camera:
         height: image height (pixels).
 
     Raises:
-        ValueError: no place from which a camera sees the ground, or no size.
+        ValueError: the camera has no place from which it sees the ground, looks above the ground, or has no size.
     """
 
     eye_world: Point = (4.330127, 0.0, 2.5)
@@ -63,6 +65,11 @@ class Camera:
             raise ValueError(
                 f"camera: expected lens_mm, width and height above 0, got {self.lens_mm}, {self.width} and {self.height}"
             )
+        if self.far_row_px >= self.height:
+            raise ValueError(
+                f"camera: eye_world {self.eye_world}, target_world {self.target_world}: looks above the ground; expected a "
+                f"target whose surroundings on the ground, up to {FAR_WORLD:g} away, are in the image"
+            )
 
     @cached_property
     def axes(self) -> FloatArray:
@@ -77,6 +84,12 @@ class Camera:
     def focal_px(self) -> float:
         """Focal length (pixels)."""
         return self.width * self.lens_mm / SENSOR_MM
+
+    @property
+    def far_row_px(self) -> float:
+        """The image row, below the horizon, at which centres of objects on the ground are `FAR_WORLD` deep."""
+        (_, down, forward), above = self.axes[:, 2], self.eye_world[2] - OBJECT_RADIUS_WORLD
+        return float(self.height / 2 - self.focal_px * (above / FAR_WORLD + forward) / down)
 
     @cached_property
     def matrix(self) -> FloatArray:
@@ -97,12 +110,13 @@ class Camera:
         return homogeneous[..., :2] / np.where(depth > 0, depth, np.nan)
 
     def ground(self, pixels: ArrayLike, z_world: float = OBJECT_RADIUS_WORLD) -> FloatArray:
-        """Pixels (..., 2) as (column, row) -> world (..., 2) as (x, y) on the plane of height `z_world`."""
+        """Pixels (..., 2) as (column, row) -> world (..., 2) as (x, y) at a height of `z_world`; NaN above the horizon."""
         p = np.asarray(pixels, float)
         plane = np.c_[self.matrix[:, :2], self.matrix[:, 2] * z_world + self.matrix[:, 3]]
         inverse = np.linalg.inv(plane)
         homogeneous = p @ inverse[:, :2].T + inverse[:, 2]
-        return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])
+        inverse_depth = homogeneous[..., 2:]
+        return np.asarray(homogeneous[..., :2] / np.where(inverse_depth > 0, inverse_depth, np.nan))
 
     def rays(self, columns: FloatArray, rows: FloatArray) -> FloatArray:
         """Unit directions (..., 3) in the world from the camera through the pixels at `columns` and `rows` (...)."""
