@@ -39,6 +39,8 @@ __all__ = ["Perception", "Pipeline", "PipelineConfig", "pipeline_settings"]
 
 KEPT_VIDEOS = 16
 """Perceptions that a pipeline keeps."""
+PARSER_SETTINGS = ("stride", "precision")
+"""Attributes of a frame parser on which its proposals depend, and which may be set between two calls."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,9 @@ class Pipeline:
         tracker: thresholds of the tracker.
         video: what is expected of videos; None for CLEVRER's.
         camera: that took the videos.
+
+    Attributes:
+        progress: whether a bar shows how far the frame parser is; False at first.
     """
 
     def __init__(
@@ -147,6 +152,14 @@ class Pipeline:
                 part.to(name)
         return self
 
+    def _frame_parsing(self) -> tuple[Any, ...]:
+        """What proposals depend on beside the files that are read."""
+        return self.frame_parser, *(getattr(self.frame_parser, name, None) for name in PARSER_SETTINGS), self.video
+
+    def _files(self, video: str | Path) -> list[Path]:
+        """The files that proposals depend on: the video and, where one is set, the image of the empty scene."""
+        return [Path(path) for path in (video, self.video.background) if path]
+
     def frames(
         self, video: str | Path, beyond_cuts: bool = False, note: Note | None = None
     ) -> Iterator[NDArray[np.uint8]]:
@@ -186,13 +199,12 @@ class Pipeline:
             VideoError: nothing is given, the file cannot be read or is not of CLEVRER's scene (see `VideoConfig`), or no
                 object was found.
         """
-        stride = vars(self.frame_parser).get("stride")
-        key, parts = None, (self.frame_parser, stride, self.tracker, self.dynamics, self.video, self.camera)
+        key, parts = None, (*self._frame_parsing(), self.tracker, self.dynamics, self.camera)
         if dynamics is None and tracks is None and proposals is None:
             if video is None:
                 raise VideoError("give a video, proposals, tracks or a dynamics prediction")
             check_is_video(Path(video))
-            key = fingerprint(inputs=[Path(video), *([] if true_scene is None else [true_scene])])
+            key = fingerprint(inputs=[*self._files(video), *([] if true_scene is None else [true_scene])])
             if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
                 self._kept.move_to_end(key)
                 return self._kept[key][1]
@@ -289,7 +301,7 @@ class Pipeline:
             VideoError: the file cannot be read or is not of CLEVRER's scene.
         """
         check_is_video(Path(video))
-        key = (fingerprint(inputs=[Path(video)]), self.frame_parser, vars(self.frame_parser).get("stride"), self.video)
+        key = (fingerprint(inputs=self._files(video)), *self._frame_parsing())
         if self._kept_proposals is None or self._kept_proposals[0] != key:
             late: list[float] = []
             notes: list[str] = []

@@ -61,6 +61,40 @@ def test_perceiving_is_done_once(pipeline: Pipeline, perception: Perception, mon
     assert pipeline.scene(VIDEO) is perception.scene
 
 
+class Counting:
+    """A frame parser of another kind, which says what it was told and counts its calls."""
+
+    __slots__ = ("calls", "precision", "proposals")
+
+    def __init__(self, proposals: VideoProposals) -> None:
+        self.proposals, self.precision, self.calls = proposals, "float32", 0
+
+    def parse(self, frames, progress: bool = False) -> VideoProposals:
+        self.calls += 1
+        return self.proposals
+
+
+def test_perceiving_is_done_again_when_what_it_depends_on_changes(
+    pipeline: Pipeline, perception: Perception, tmp_path
+) -> None:
+    parser, empty = Counting(perception.proposals), tmp_path / "empty.png"
+    empty.write_bytes(b"one")
+    video = VideoConfig(check="off", background=str(empty))
+    other = Pipeline(parser, pipeline.dynamics, pipeline.question_parser, video=video)
+    for _ in range(2):
+        other.perceive(VIDEO)
+        other.proposals(VIDEO)
+        assert parser.calls == 2
+    parser.precision = "bfloat16"
+    other.perceive(VIDEO)
+    other.proposals(VIDEO)
+    assert parser.calls == 4
+    empty.write_bytes(b"another")
+    other.perceive(VIDEO)
+    other.proposals(VIDEO)
+    assert parser.calls == 6
+
+
 def test_every_stage_can_be_given(pipeline: Pipeline, perception: Perception) -> None:
     scene = perception.scene
     for given in (

@@ -218,7 +218,12 @@ def test_an_own_background(tmp_path) -> None:
     frames[:, 150:180, 200:230] = np.arange(4)[:, None, None, None] * 60
     write_video(tmp_path / "v.mp4", frames.repeat(3, 0))
     assert check_video(tmp_path / "v.mp4", VideoConfig("warn")).kind == "refused"
-    assert check_video(tmp_path / "v.mp4", VideoConfig(background=str(tmp_path / "empty.png"))).kind == "in"
+    config = VideoConfig("warn", background=str(tmp_path / "empty.png"))
+    assert check_video(tmp_path / "v.mp4", config).kind == "in"
+    cv2.imwrite(str(tmp_path / "empty.png"), empty[::-1])
+    assert check_video(tmp_path / "v.mp4", config).kind == "refused"
+    cv2.imwrite(str(tmp_path / "empty.png"), empty[..., ::-1])
+    assert check_video(tmp_path / "v.mp4", config).kind == "in"
     with pytest.raises(DataError, match=r"none\.png: no such file; expected an image"):
         read_background(tmp_path / "none.png")
     with pytest.raises(DataError, match=r"v\.mp4: not an image"):

@@ -122,7 +122,7 @@ class TrackCollisionDetector(PretrainedPart[CollisionNetwork]):
             return []
         frames, device = states.present.shape[1], self.device
         inputs = NetworkInputs(*(x.to(device) for x in network_inputs(arrays_from_states(states), pairs)))
-        logits = self.model(inputs).double().cpu()
+        logits = self.model(inputs).cpu().double()
         log_total = logits.logsumexp(1)
         share = logits.softmax(1).numpy()
         candidates = []

@@ -95,6 +95,8 @@ def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoChe
         return VideoCheck()
     check_is_video(path)
     files = [path, *(sorted(path.iterdir()) if path.is_dir() else ())]
+    if Path(config.background).is_file():
+        files.append(Path(config.background))
     state = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files)
     found = _looked_at(path, state, config.background, config.fps)
     if found.kind == "refused" and config.check == "refuse":
