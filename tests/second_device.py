@@ -1,6 +1,7 @@
 """A second device on a machine without an accelerator: its tensors hold CPU tensors, but report "meta".
 
-As on CUDA, an operation on tensors of both devices fails, and so does `.numpy()` on one that was not brought to the CPU.
+As on CUDA, an operation on tensors of both devices fails, and so does `.numpy()` on one that was not brought to the CPU. As on
+MPS, there are no numbers of double precision.
 """
 
 from collections.abc import Iterator
@@ -23,6 +24,8 @@ class SecondTensor(torch.Tensor):
 
     @staticmethod
     def __new__(cls, held: torch.Tensor) -> "SecondTensor":
+        if held.dtype == torch.float64:
+            raise TypeError(f"{DEVICE} has no float64")
         made = torch.Tensor._make_wrapper_subclass(
             cls,
             held.size(),
