@@ -153,3 +153,9 @@ def test_held_out_scenes_are_needed(tiny_motion: tuple[Path, Path], tmp_path: Pa
 def test_the_physics_backend_needs_a_collision_network(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match=r"collisions\.json: no such file"):
         load_backend(tmp_path, "physics")
+
+
+@pytest.mark.parametrize("name", ["object_dilations", "pair_dilations", "last_dilations"])
+def test_dilations_below_one_are_refused(name: str) -> None:
+    with pytest.raises(DataError, match=name):
+        CollisionNetworkConfig(**{name: (1, 0)})

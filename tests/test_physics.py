@@ -480,6 +480,16 @@ def test_the_papers_backend_takes_the_checkpoint_it_is_given(paper: PatchPredict
     assert checkpoint_folders(default, config) == [default, find_checkpoint("dynamics_paper")]
 
 
+def test_weights_of_ones_own_need_no_shipped_ones(paper: PatchPredictor, tmp_path, monkeypatch) -> None:
+    paper.save_pretrained(tmp_path)
+
+    def none_ships(name: str = "default") -> None:
+        raise CheckpointError(f"no checkpoint {name}")
+
+    monkeypatch.setattr("nsdr.dynamics.registry.find_checkpoint", none_ships)
+    assert load_backend(tmp_path, "paper").config == paper.config  # type: ignore[attr-defined]
+
+
 def test_checkpoints_of_another_network_are_named(observer: StatePredictor, paper: PatchPredictor, tmp_path) -> None:
     observer.save_pretrained(tmp_path / "state")
     paper.save_pretrained(tmp_path / "paper")

@@ -18,6 +18,7 @@ from nsdr.dynamics.registry import BackendConfig, load_backend
 from nsdr.errors import VideoError
 from nsdr.generate.physics.bullet import BulletConfig, Simulator
 from nsdr.generate.physics.disturbed import bodies_of, disturbed, states_at
+from nsdr.io.device import resolve_device
 from nsdr.tracking.tracker import TrackerConfig, detected_attributes, track
 from nsdr.types import Event, VideoProposals, VideoTracks
 from nsdr.validation import FloatArray
@@ -126,7 +127,7 @@ def _renamed(collisions: Sequence[Event], ids: dict[int, int]) -> tuple[Event, .
 
 
 def baselines(
-    proposals: VideoProposals, config: TrackerConfig, camera: Camera, weights: Path, truth: TrueFuture
+    proposals: VideoProposals, config: TrackerConfig, camera: Camera, weights: Path, truth: TrueFuture, device: str
 ) -> dict[str, Continuation]:
     """What each of `BASELINES` predicts.
 
@@ -136,6 +137,7 @@ def baselines(
         camera: that took the video.
         weights: checkpoint of the backends.
         truth: what really follows.
+        device: where the backends' networks run, as of `Pipeline.from_pretrained`.
 
     Raises:
         VideoError: no object is found in the given frames.
@@ -159,15 +161,16 @@ def baselines(
         BASELINES[1]: Continuation(_by_truth(straight, ids, truth), _renamed(_meetings(straight, cut), ids)),
     }
     for name, backend in BACKENDS.items():
-        rollout = _backend(weights, backend, cut + frames - 1).continue_motion(states)
+        rollout = _backend(weights, backend, cut + frames - 1, device).continue_motion(states)
         location = _by_truth(rollout.location_world[:, cut:], ids, truth)
         found[name] = Continuation(location, _renamed(rollout.collisions, ids))
     return found
 
 
 @lru_cache(maxsize=4)
-def _backend(weights: Path, name: str, horizon_frame: int) -> Any:
-    return load_backend(weights, BackendConfig(name, horizon_frame=horizon_frame))
+def _backend(weights: Path, name: str, horizon_frame: int, device: str) -> Any:
+    backend: Any = load_backend(weights, BackendConfig(name, horizon_frame=horizon_frame))
+    return backend.to(str(resolve_device(device)))
 
 
 def _meetings(location_world: FloatArray, cut: int) -> list[Event]:

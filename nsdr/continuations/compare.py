@@ -211,7 +211,8 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
         raise DataError(f"{video.truth}: no object of the first {cut} frames is in the image later")
     perceptions = {GENERATED: pipeline.perceive(proposals=generated), TRUTH: pipeline.perceive(proposals=seen)}
     found = {row: _perceived(p, true) for row, p in perceptions.items()}
-    found |= baselines(seen, pipeline.tracker, pipeline.camera, find_checkpoint(settings.checkpoint), true)
+    weights = find_checkpoint(settings.checkpoint)
+    found |= baselines(seen, pipeline.tracker, pipeline.camera, weights, true, settings.device)
     runs = {row: bullet_runs(document, true, error, settings.runs, settings.physics) for row, error in FLOORS.items()}
     *others, nearest = runs
     futures = PossibleFutures(runs[nearest], true)

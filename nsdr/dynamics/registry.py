@@ -9,7 +9,7 @@ from nsdr.dynamics.base import DynamicsBackend
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.velocity_events import VelocityEvents
-from nsdr.errors import DataError
+from nsdr.errors import CheckpointError, DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.limits import check_limit
@@ -91,8 +91,15 @@ def _patch_folder(folder: Path, config: BackendConfig) -> Path:
     """
     if config.weights:
         return find_checkpoint(config.weights)
-    is_default = folder.resolve() == find_checkpoint().resolve()
-    return find_checkpoint(PATCH_CHECKPOINTS[config.backend]) if is_default else folder
+    return find_checkpoint(PATCH_CHECKPOINTS[config.backend]) if _is_default(folder) else folder
+
+
+def _is_default(folder: Path) -> bool:
+    """Whether a folder is the checkpoint `default`, which need not be there."""
+    try:
+        return folder.resolve() == find_checkpoint().resolve()
+    except CheckpointError:
+        return False
 
 
 def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics") -> DynamicsBackend:

@@ -43,9 +43,9 @@ class CollisionNetworkConfig(Settings):
     """
 
     width: Size = 64
-    object_dilations: tuple[int, ...] = (1, 2)
-    pair_dilations: tuple[int, ...] = (1, 2, 4)
-    last_dilations: tuple[int, ...] = (1, 4, 8)
+    object_dilations: tuple[Size, ...] = (1, 2)
+    pair_dilations: tuple[Size, ...] = (1, 2, 4)
+    last_dilations: tuple[Size, ...] = (1, 4, 8)
 
 
 class CollisionNetwork(nn.Module):
