@@ -286,6 +286,22 @@ def test_a_loss_that_is_not_finite_names_the_term(tmp_path) -> None:
         train(Line(explode=True), LoopConfig(steps=3, device="cpu"), tmp_path, {})
 
 
+def test_a_gradient_that_is_not_finite_spoils_no_weights(tmp_path, monkeypatch) -> None:
+    """The square root of 0 is finite, and its slope is not."""
+    config = LoopConfig(steps=6, save_every=1, device="cpu")
+    task, healthy = Line(), Line().losses
+
+    def steep(model, batch):
+        loss = healthy(model, batch)
+        return {"fit": loss["fit"], "steep": LossTerm((model.bias - model.bias.detach()).sum().abs().sqrt(), 1)}
+
+    calls = iter(range(10))
+    monkeypatch.setattr(task, "losses", lambda *given: (steep if next(calls) == 3 else healthy)(*given))
+    with pytest.raises(FloatingPointError, match="step 3: the gradient is not finite"):
+        train(task, config, tmp_path / "run", {})
+    assert train(Line(), config, tmp_path / "run", {}) == train(Line(), config, tmp_path / "whole", {})
+
+
 def test_the_averaged_weights_are_kept_and_resume(tmp_path, monkeypatch) -> None:
     config = LoopConfig(steps=40, batch_size=8, learning_rate=0.05, ema=0.9, save_every=10, device="cpu")
     task = Line()

@@ -158,7 +158,8 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
         The metrics of the last evaluation: those of the averaged weights, where `config.ema` asks for them.
 
     Raises:
-        FloatingPointError: a loss is not finite; the message names the step and the terms.
+        FloatingPointError: a loss or a gradient is not finite; the message names the step, and the terms of the loss. The run
+            can be resumed from its last checkpoint.
         DataError: `run_dir` was started with another configuration, another process writes to it, or it cannot be written;
             or the device cannot be used.
     """
@@ -230,12 +231,18 @@ class _Training:
         all_counts = all_counts.clamp(min=1)
         # Gradients are averaged over processes, while the means are over the items of all of them.
         accelerator.backward((totals / all_counts).sum() * accelerator.num_processes)
-        accelerator.clip_grad_norm_(model.parameters(), self.config.clip_norm)
+        norm = torch.as_tensor(accelerator.clip_grad_norm_(model.parameters(), self.config.clip_norm))
         # Waits for the device, so not before all its work is launched.
-        means = dict(zip(terms, (all_totals / all_counts).tolist(), strict=True))
+        *values, length = torch.cat([all_totals / all_counts, norm.detach().reshape(1)]).tolist()
+        means = dict(zip(terms, values, strict=True))
         bad = [name for name, mean in means.items() if not math.isfinite(mean)]
         if bad:
             raise FloatingPointError(f"step {step}: loss is not finite ({', '.join(bad)})")
+        if not math.isfinite(length):
+            raise FloatingPointError(
+                f"step {step}: the gradient is not finite, though the loss is; the last checkpoint is from before. A lower "
+                "learning_rate may help, or float32 in place of bfloat16"
+            )
         self.optimizer.step()
         self.optimizer.zero_grad()
         if self.average is not None:
