@@ -2,7 +2,7 @@ import pkgutil
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ import nsdr.symbolic
 from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObject, format_trace, format_tree
 from nsdr.clevrer.example import QUESTIONS
 from nsdr.clevrer.files.questions import read_questions
-from nsdr.symbolic.causal import ancestor_sets, direct_causes
+from nsdr.symbolic.causal import ancestor_sets, causal_path, direct_causes
 from nsdr.symbolic.uncertainty import SIMULATED_DOUBT
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
@@ -330,7 +330,7 @@ def test_the_likelier_of_two_predictions_is_correct(small_scene: Scene) -> None:
     assert [c.answer for c in Executor(small_scene).judge(question, choices).choices] == ["wrong", "wrong"]
     scores = np.zeros((4, 4))
     scores[0, 3] = scores[3, 0] = 0.3
-    scored = Executor(replace(small_scene, unseen_scores=scores))
+    scored = Executor(replace(small_scene, unseen_scores=scores), data_set_rules=True)
     assert [c.answer for c in scored.judge(question, choices).choices] == ["wrong", "correct"]
     # Scores do not matter where the choices are judged differently, and for other questions.
     happens = [("c", possible(GREEN, red_sphere)), ("b", possible(RED_CUBE, red_sphere))]
@@ -338,10 +338,48 @@ def test_the_likelier_of_two_predictions_is_correct(small_scene: Scene) -> None:
     assert [c.answer for c in scored.judge(question + " negate", choices).choices] == ["correct", "correct"]
 
 
-def test_the_rule_of_the_data_set_can_be_switched_off(small_scene: Scene) -> None:
+def test_the_rule_of_the_data_set_holds_only_where_it_is_asked_for(small_scene: Scene) -> None:
     red_sphere = "objects red filter_color sphere filter_shape unique"
     choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, red_sphere))]
     scene = replace(small_scene, unseen_scores=np.full((4, 4), 0.3), uncertain=())
-    judged = Executor(scene, data_set_rules=False).judge("unseen_events belong_to", choices).choices
+    judged = Executor(scene).judge("unseen_events belong_to", choices).choices
     assert [(c.answer, c.probability) for c in judged] == [("wrong", SIMULATED_DOUBT), ("wrong", SIMULATED_DOUBT)]
-    assert [c.answer for c in Executor(scene).judge("unseen_events belong_to", choices).choices] == ["correct", "wrong"]
+    ruled = Executor(scene, data_set_rules=True).judge("unseen_events belong_to", choices).choices
+    assert [c.answer for c in ruled] == ["correct", "wrong"]
+
+
+def test_entrances_and_exits_after_the_video_or_without_an_object_are_refused(small_scene: Scene) -> None:
+    """ "What will happen without the purple object?" - "The cyan sphere exits the scene"; only collisions are known."""
+    scene = replace(small_scene, uncertain=())
+    exits = f"all_events {GREEN} filter_out unique"
+    for question in (
+        *("unseen_events belong_to", "unseen_events belong_to negate"),
+        *(
+            f"all_events {RED_CUBE} get_counterfact belong_to",
+            f"all_events {RED_CUBE} get_counterfact belong_to negate",
+        ),
+    ):
+        choices = [
+            ("it exits", exits),
+            ("they collide", possible(GREEN, "objects red filter_color sphere filter_shape unique")),
+        ]
+        exiting, colliding = Executor(scene).judge(question, choices).choices
+        assert exiting.answer is None
+        assert "exits" in exiting.error
+        assert "only collisions are" in exiting.error
+        assert colliding.answer in ("correct", "wrong")
+        assert colliding.probability is not None
+    with pytest.raises(ExecutionError, match="which objects exit"):
+        Executor(scene).answer("unseen_events objects filter_out count")
+
+
+def test_the_shortest_chain_of_causes_is_found_among_very_many() -> None:
+    """Three objects that collide again and again: the number of chains grows exponentially."""
+    pairs = ((0, 1), (1, 2), (0, 2))
+    events = [Event("collision", f, pairs[f % 3]) for f in range(600)]
+    path = causal_path(events, lambda e: e.frame == 0, events[-1])
+    assert path is not None
+    assert (path[0], path[-1]) == (events[0], events[-1])
+    causes = direct_causes(events)
+    assert all(events.index(a) in causes[events.index(b)] for a, b in pairwise(path))
+    assert causal_path(events, lambda e: False, events[-1]) is None

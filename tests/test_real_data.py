@@ -157,7 +157,9 @@ def test_real_proposals_are_answered_well(shared) -> None:
     scenes = read_questions(shared / "real/questions/mixed_dev.json")[::8]
     wanted = {s.scene_index for s in scenes}
     found = {v: p for v, p in read_compact_proposals(shared / "real/proposals_dev.npz") if v in wanted}
-    pairs = [(s, Executor(pipeline.perceive(proposals=found[s.scene_index]).scene)) for s in scenes]
+    pairs = [
+        (s, Executor(pipeline.perceive(proposals=found[s.scene_index]).scene, data_set_rules=True)) for s in scenes
+    ]
     report = evaluate(pairs, pipeline.question_parser.parse)
     assert report["descriptive"]["accuracy"] > 0.94
     assert report["explanatory"]["per_option"] > 0.93

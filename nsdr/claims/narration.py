@@ -95,9 +95,7 @@ class _Narration:
             wanted = self._words(index, subset)
             if [self._words(i, subset) for i in range(len(self.scene.objects))].count(wanted) == 1:
                 return ObjectPhrase(f"the {Slot('N', wanted).text}", wanted)
-        if without:
-            return self.name(index)
-        raise ExecutionError(f"more than one {self.scene.objects[index].name}; attribute triples must be unique")
+        return self.name(index)  # the words without one attribute are another object's, too
 
     def _words(self, index: int, names: Iterable[str]) -> tuple[str, ...]:
         return tuple(getattr(self.scene.objects[index], name) for name in names)

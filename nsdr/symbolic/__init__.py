@@ -18,5 +18,5 @@ __all__ = [
     "format_tree",
 ]
 
-VERSION = 3
+VERSION = 4
 """Of the answers of programs: raised when they change."""

@@ -1,6 +1,7 @@
 """The causal graph of observed events (paper, section 3.3)."""
 
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from nsdr.types import Event
 
@@ -40,10 +41,22 @@ def causal_path(events: Sequence[Event], starts: Callable[[Event], bool], target
         target: one of the events; the chain is it alone where `starts` accepts it.
     """
     causes = direct_causes(events)
-    frontier = [[events.index(target)]]
+    end = events.index(target)
+    effect: dict[int, int | None] = {end: None}  # the next event of the shortest chain from each event that was reached
+    frontier = deque([end])
     while frontier:
-        path = frontier.pop(0)
-        if starts(events[path[0]]):
-            return [events[i] for i in path]
-        frontier += [[cause, *path] for cause in causes[path[0]]]
+        index = frontier.popleft()
+        if starts(events[index]):
+            return [events[i] for i in _chain(index, effect)]
+        for cause in causes[index]:
+            if cause not in effect:
+                effect[cause] = index
+                frontier.append(cause)
     return None
+
+
+def _chain(start: int, effect: Mapping[int, int | None]) -> Iterator[int]:
+    index: int | None = start
+    while index is not None:
+        yield index
+        index = effect[index]

@@ -25,7 +25,6 @@ PREDICTIVE = ("unseen_events", "belong_to")
 """Program of every predictive question."""
 OF_OBJECTS, OF_EVENTS = (Kind.OBJECTS, Kind.OBJECT), (Kind.EVENTS, Kind.EVENT)
 SIMULATED = frozenset({"unseen_events", "get_counterfact"})
-BORDER_EVENTS = frozenset({"filter_in", "filter_out"})
 Found = TypeVar("Found")
 
 
@@ -40,9 +39,9 @@ class Executor:
         collisions: "predicted"; with the official semantics also "velocity", the variant NE.
         simulate: gives the collisions with an object changed, for questions beyond CLEVRER such as "what if the cube were twice
             as heavy" (`nsdr.symbolic.quantities`); None refuses them.
-        data_set_rules: whether what is known of CLEVRER's questions, not of the video, counts. There is one such rule: exactly
-            one of the two choices of a predictive question is correct. If both are judged alike and the scene has scores of
-            unseen collisions, the choice with the higher score is the correct one.
+        data_set_rules: whether what is known of CLEVRER's questions, not of the video, counts, as in an evaluation of the
+            data set. There is one such rule: exactly one of the two choices of a predictive question is correct. If both are
+            judged alike and the scene has scores of unseen collisions, the choice with the higher score is the correct one.
 
     Raises:
         ExecutionError: unknown semantics, or semantics that do not fit the type of the scene or the kind of collisions.
@@ -54,7 +53,7 @@ class Executor:
         semantics: str = "paper",
         collisions: str = "predicted",
         simulate: Simulate | None = None,
-        data_set_rules: bool = True,
+        data_set_rules: bool = False,
     ) -> None:
         if semantics not in ("paper", "official"):
             raise ExecutionError(f"unknown semantics {semantics!r}; expected 'paper' or 'official'")
@@ -256,20 +255,18 @@ class Executor:
     def _probability(self, program: Program, answer: Any) -> float | None:
         """How probable an answer to a program is, as `_said`; None where that is not known.
 
-        What is uncertain says nothing of speeds and masses, nor of entrances and exits that would have to be simulated.
+        What is uncertain says nothing of speeds and masses.
         """
         if program.tokens[-1] == "query_image_direction":
             return self.world.quantities.image_directions(self._values(program.steps[:-1])[-1]).get(answer, 0.0)
         tokens = frozenset(program.tokens)
-        simulated = not SIMULATED.isdisjoint(tokens)
-        beyond_simulation = simulated and not BORDER_EVENTS.isdisjoint(tokens)
-        if self.scene.uncertain is None or not EXTENSIONS.isdisjoint(tokens) or beyond_simulation:
+        if self.scene.uncertain is None or not EXTENSIONS.isdisjoint(tokens):
             return None
         kind = program.result
         runs = self._in_worlds(self._worlds, lambda e: e._said(kind, e._values(program.steps)[-1]))
         total = sum(n for n, _ in runs)
         share = sum(n for n, said in runs if said == answer) / total if total else 0.0
-        return _simulated(share) if simulated else share
+        return share if SIMULATED.isdisjoint(tokens) else _simulated(share)
 
     def _said(self, kind: Kind, value: Any) -> Any:
         """An answer in words; for a list of events their kinds and the names of their objects, whatever their frames."""

@@ -12,7 +12,7 @@ from typing import Any
 
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.quantities import CHANGES
-from nsdr.symbolic.world import Causes, ChangedEvents, Events, Objects, World
+from nsdr.symbolic.world import Causes, Collisions, Events, Objects, World
 from nsdr.types import Event
 from nsdr.world.vocabulary import ATTRIBUTES
 
@@ -84,10 +84,16 @@ def as_set(who: Objects | int) -> Objects:
     return who if isinstance(who, tuple) else (who,)
 
 
+ONLY_COLLISIONS = "is not known: after the video, and with an object removed or changed, only collisions are"
+
+
 def _of_kind(kind: str) -> Callable[[World, Events, Objects | int], Events]:
     def run(world: World, events: Events, who: Objects | int) -> Events:
         objects = set(as_set(who))
-        return tuple([e for e in events if e.kind == kind and not objects.isdisjoint(e.objects)])
+        if isinstance(events, Collisions) and kind != "collision":
+            raise ExecutionError(f"which objects {'enter' if kind == 'in' else 'exit'} {ONLY_COLLISIONS}")
+        found = [e for e in events if e.kind == kind and not objects.isdisjoint(e.objects)]
+        return Collisions(found) if isinstance(events, Collisions) else tuple(found)
 
     return run
 
@@ -134,16 +140,18 @@ def _like_any(events: Events, others: Iterable[Event]) -> Events:
     return tuple([e for e in events if (e.kind, e.objects) in found])
 
 
-def _changed(world: World, events: Events, one: int, change: str) -> ChangedEvents:
-    return ChangedEvents(_like_any(events, world.quantities.collisions_with(one, change)))
+def _changed(world: World, events: Events, one: int, change: str) -> Collisions:
+    return Collisions(_like_any(events, world.quantities.collisions_with(one, change)))
+
+
+def _without(world: World, events: Events, one: int) -> Collisions:
+    return Collisions(_like_any(events, world.collisions_without(one)))
 
 
 def _belongs(world: World, one: Event | int, events: Events) -> bool:
     if isinstance(one, Event):
-        if isinstance(events, ChangedEvents) and one.kind != "collision":
-            raise ExecutionError(
-                f"whether {world.event_text([one])} is not known: only collisions are, with an object changed"
-            )
+        if isinstance(events, Collisions) and one.kind != "collision":
+            raise ExecutionError(f"whether the {world.event_text([one])} {ONLY_COLLISIONS}")
         return bool(_like_any(events, [one]))
     targets = [events.target] if isinstance(events, Causes) else []
     return any(one in e.objects for e in (*events, *targets))
@@ -179,7 +187,7 @@ _TABLE = [
     Module("get_frame", (_EVENT,), Kind.FRAME, lambda w, event: w.frame_of(event), "frame of an event"),
     Module("get_object", (_EVENT,), Kind.OBJECT, _get_object, "object of an entrance or exit"),
     Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda w, one, frame: w.quantities.direction(one, frame), "direction in which an object moves: left, right, towards or away from the camera; in the official semantics left, right, up or down", False),
-    Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: _like_any(w.possible, w.collisions_without(one)), "collisions that happen without an object", False),
+    Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: _without(w, w.possible, one), "collisions that happen without an object", False),
     Module("filter_color", (_OBJECTS, _COLOR), Kind.OBJECTS, _with("color"), "objects of a colour"),
     Module("filter_material", (_OBJECTS, _MATERIAL), Kind.OBJECTS, _with("material"), "objects of a material"),
     Module("filter_shape", (_OBJECTS, _SHAPE), Kind.OBJECTS, _with("shape"), "objects of a shape"),
@@ -193,7 +201,7 @@ _TABLE = [
     Module("filter_after", (_EVENTS, _EVENT), Kind.EVENTS, _after, "events after an event"),
     Module("filter_ancestor", (_EVENTS, _EVENT), Kind.EVENTS, _ancestors, "events responsible for an event: its ancestors in the causal graph"),
     Module("get_col_partner", (_EVENT, _OBJECT), Kind.OBJECT, _partner, "other object of a collision"),
-    Module("get_counterfact", (_EVENTS, _OBJECT), Kind.EVENTS, lambda w, events, one: _like_any(events, w.collisions_without(one)), "those of the events that happen without an object"),
+    Module("get_counterfact", (_EVENTS, _OBJECT), Kind.EVENTS, _without, "those of the events that happen without an object"),
     Module("belong_to", ((Kind.EVENT, Kind.OBJECT), _EVENTS), Kind.BOOLEAN, _belongs, "whether an event (by kind and objects) is among the events, or an object takes part in one of them"),
     Module("query_speed", (_OBJECT, _FRAME), Kind.SPEED, lambda w, one, frame: w.quantities.speed(one, frame), "speed of an object at a frame (world units per second)", **_BEYOND),
     Module("query_image_direction", (_OBJECT,), Kind.DIRECTION, lambda w, one: w.quantities.image_direction(one), "where an object moves in the image over the whole video, such as \"up and to the left\"; or \"stationary\"", **_BEYOND),

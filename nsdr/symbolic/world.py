@@ -44,8 +44,8 @@ class Causes(tuple[Event, ...]):
         return causes
 
 
-class ChangedEvents(tuple[Event, ...]):
-    """Those of some events that happen with an object changed, as far as that is known: collisions only."""
+class Collisions(tuple[Event, ...]):
+    """Events after the video, or with an object removed or changed, of which only the collisions are known."""
 
 
 class World:
@@ -78,11 +78,11 @@ class World:
         return tuple(pairs + [Event(kind, -1, (i,)) for kind in ("in", "out") for i in self.all_objects])
 
     @property
-    def unseen_events(self) -> Events:
+    def unseen_events(self) -> Collisions:
         """Events after the video."""
         if self._scene.unseen is None:
             raise ExecutionError("events after the video are not known in this scene")
-        return self._scene.unseen
+        return Collisions(self._scene.unseen)
 
     def collisions_without(self, removed: int) -> Events:
         """Collisions that happen without an object."""
