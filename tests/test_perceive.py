@@ -137,7 +137,14 @@ def test_a_split_is_evaluated_again_from_what_is_kept(videos, tmp_path, capsys, 
     assert main([*command, str(tmp_path / "second.json"), "--keep-going"]) == 0
     assert (tmp_path / "first.json").read_bytes() == (tmp_path / "second.json").read_bytes()
     assert kept[0].stat().st_mtime_ns == before
+    whole = kept[0].read_bytes()
+    kept[0].write_bytes(whole[:-9])  # damaged
+    assert main([*command, str(tmp_path / "third.json"), "--keep-going"]) == 0
+    assert (tmp_path / "first.json").read_bytes() == (tmp_path / "third.json").read_bytes()
+    assert kept[0].read_bytes() == whole
     report = json.loads((tmp_path / "first.json").read_text())
+    assert list(report["notes"]) == ["10000", "10001"]  # also of a scene that was kept
+    assert all(any("20 frames" in note for note in notes) for notes in report["notes"].values())
     errors = {r["scene_index"]: r.get("error", "") for r in report["results"]}
     assert "VideoError" in errors[10002]
     assert "has no video_10003.mp4" in errors[10003]

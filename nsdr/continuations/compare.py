@@ -36,7 +36,7 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import resolve_device
 from nsdr.io.files import check_installed, find_files, write_json
 from nsdr.io.fingerprint import code_revision, fingerprint
-from nsdr.io.jobs import Job, run_jobs
+from nsdr.io.jobs import Job, read_output, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.io.video import RATE_TOLERANCE, frame_rate
 from nsdr.pipeline import Perception, Pipeline, PipelineConfig
@@ -131,9 +131,11 @@ def compare_videos(
     for name, v in found.items():
         value = fingerprint(inputs=[v.truth, v.seen, v.generated], config=key)
         jobs.append(Job(name, v, Path(output) / "scores" / f"{name}.json", value))
-    summary = run_jobs(partial(_compare, common), jobs, output, engine, workers)
+    function = partial(_compare, common)
+    summary = run_jobs(function, jobs, output, engine, workers)
     not_scored |= summary.failed
-    scored = {job.name: read_json(job.output, dict[str, Any]) for job in jobs if job.name not in summary.failed}
+    finished, read = [job for job in jobs if job.name not in summary.failed], partial(read_json, kind=dict[str, Any])
+    scored = {job.name: read_output(job, read, function) for job in finished}
     if not scored:
         name, reason = min(not_scored.items())
         raise DataError(f"{generated}: none of {len(not_scored)} videos could be scored, such as {name}: {reason}")

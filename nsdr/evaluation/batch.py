@@ -15,7 +15,7 @@ from nsdr.io.decoding import SUFFIXES, find_videos
 from nsdr.io.device import resolve_device
 from nsdr.io.files import by_number, write_json
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.jobs import Job, Summary, run_jobs
+from nsdr.io.jobs import Job, Summary, read_output, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
@@ -120,7 +120,10 @@ def judge_videos(
     summary = run_jobs(function, list(jobs.values()), folder, engine, workers)
     failed = summary.failed
     rows = [
-        {"video": j.name, "error": failed[j.name]} if j.name in failed else read_json(j.output) for j in jobs.values()
+        {"video": j.name, "error": failed[j.name]}
+        if j.name in failed
+        else read_output(j, partial(read_json, kind=dict[str, Any]), function)
+        for j in jobs.values()
     ]
     write_json(report, rows, indent=1)
     return rows

@@ -5,7 +5,7 @@ report byte for byte. Evaluations may share the folder: one that needs scenes of
 them, and what was made is never replaced by a scene of other inputs.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ from nsdr.io import storage
 from nsdr.io.device import resolve_device
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.jobs import ENGINES, Job, run_jobs
+from nsdr.io.jobs import ENGINES, Job, read_output, run_jobs
 from nsdr.pipeline import PipelineConfig, pipeline_settings
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser
@@ -34,7 +34,7 @@ from nsdr.symbolic import Executor, Program
 from nsdr.types import Scene
 from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 
-VERSION = 2
+VERSION = 3
 """Of reports: raised when they change."""
 COUNTERFACTUALS = ("simulated", "recording")
 SceneJob = Job[tuple[PerceptionInput, Scene | None]]
@@ -146,6 +146,8 @@ class EvaluationConfig(Settings):
 def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
     """Answer and score the questions; a scene that fails is recorded, and its questions count as wrong.
 
+    A scene of the cache that cannot be read any more is made again.
+
     Returns:
         The report of `nsdr.evaluation.evaluate`.
 
@@ -173,8 +175,8 @@ def _scenes(
     device: str,
     questions: Sequence[SceneQuestions],
     data: Data,
-) -> Mapping[int, Scene | SceneJob | NsdrError]:
-    """By scene index a scene, the job that has made it, or why there is none."""
+) -> Mapping[int, Scene | Callable[[], Scene] | NsdrError]:
+    """By scene index a scene, a function that reads it from the cache, or why there is none."""
     if config.videos and settings.dynamics.backend in READ_NO_IMAGES:
         raise DataError(
             f"videos would do nothing: dynamics {settings.dynamics.backend!r} reads no images; leave it out"
@@ -183,7 +185,8 @@ def _scenes(
     source = SOURCES[config.source](data, wanted)
     video_of = SOURCES["videos"](Path(config.videos), wanted) if config.videos else None
     true_source = SOURCES[config.truth_source](Path(config.truth), wanted) if config.truth_source else None
-    scenes: dict[int, Scene | SceneJob | NsdrError] = {}
+    scenes: dict[int, Scene | Callable[[], Scene] | NsdrError] = {}
+    jobs: list[SceneJob] = []
     common = ""
     for s in tqdm(questions, desc="reading", unit="scene"):
         try:
@@ -195,15 +198,16 @@ def _scenes(
             if video_of is not None:
                 found = {**found, **cast(PerceptionInput, video_of(s))}
             common = common or settings.fingerprint(config.checkpoint, config.source, config.truth_source)
-            scenes[s.scene_index] = _job(config, common, s.scene_index, found, true_scene)
+            jobs.append(_job(config, common, s.scene_index, found, true_scene))
         except NsdrError as e:
             scenes[s.scene_index] = e
     if any(isinstance(s, Scene) for s in scenes.values()):
         _check_no_pipeline_options(config)
-    if jobs := [s for s in scenes.values() if isinstance(s, Job)]:
-        function = partial(_perceive, config.checkpoint, settings, device)
+    if jobs:
+        function, read = partial(_perceive, config.checkpoint, settings, device), partial(storage.load, Scene)
         folder = jobs[0].output.parent
         summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
+        scenes |= {int(job.name): partial(read_output, job, read, function) for job in jobs}
         scenes |= {int(name): DataError(message) for name, message in summary.failed.items()}
     return scenes
 
@@ -315,11 +319,14 @@ def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
     return scene
 
 
-def _executor(scene: Scene | SceneJob | NsdrError, config: EvaluationConfig) -> Executor | NsdrError:
-    if isinstance(scene, NsdrError):
-        return scene
-    loaded = storage.load(Scene, scene.output) if isinstance(scene, Job) else scene
-    asked = keep_recording(loaded) if config.counterfactuals == "recording" else loaded
+def _executor(scene: Scene | Callable[[], Scene] | NsdrError, config: EvaluationConfig) -> Executor | NsdrError:
+    try:
+        known = scene() if callable(scene) else scene
+    except DataError as e:
+        return e
+    if isinstance(known, NsdrError):
+        return known
+    asked = keep_recording(known) if config.counterfactuals == "recording" else known
     return Executor(asked, data_set_rules=config.data_set_rules)
 
 

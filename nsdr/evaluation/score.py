@@ -37,14 +37,20 @@ def evaluate(
         `calibration` as of `nsdr.evaluation.measures`. Under `results` every question with its answers. What fails
         carries its `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the
         number of questions with either. Questions without answers in their file are answered, not scored: their results have
-        no `correct`, and `unlabelled` is their number.
+        no `correct`, and `unlabelled` is their number. `notes` has those of scenes (`Scene.notes`) by scene index; a result
+        has those about how its texts were read.
     """
     results = []
+    notes: dict[str, list[str]] = {}
     for scene, executor in scenes:
+        known = () if isinstance(executor, NsdrError) else executor.notes
+        if known:
+            notes[str(scene.scene_index)] = list(known)
         for question in (q for q in scene.questions if q.type in types):
             found = executor if isinstance(executor, NsdrError) else _answer(executor, question, parse)
-            results.append(_result(scene, question, found))
-    return _report(results)
+            said = () if isinstance(found, NsdrError) else found.notes
+            results.append(_result(scene, question, found) | _known(notes=[n for n in said if n not in known] or None))
+    return _report(results, notes)
 
 
 def score_answers(answered: Iterable[tuple[SceneQuestions, Mapping[int, Answer | NsdrError]]]) -> dict[str, Any]:
@@ -63,7 +69,8 @@ def score_answers(answered: Iterable[tuple[SceneQuestions, Mapping[int, Answer |
             for scene, answers in answered
             for question in scene.questions
             if question.id in answers
-        ]
+        ],
+        {},
     )
 
 
@@ -137,7 +144,7 @@ def _known(**values: Any) -> Row:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _report(results: list[Row]) -> dict[str, Any]:
+def _report(results: list[Row], notes: Mapping[str, list[str]]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for kind in QUESTION_TYPES:
         rows = [r for r in results if r["question_type"] == kind and "correct" in r]
@@ -153,7 +160,7 @@ def _report(results: list[Row]) -> dict[str, Any]:
     if pairs := _pairs([r for r in results if "correct" in r]):
         table["pairs"] = pairs
     counts = {"errors": sum(bool(_errors(r)) for r in results), "unlabelled": sum("correct" not in r for r in results)}
-    return {**table, **counts, "results": results}
+    return {**table, **counts, "notes": notes, "results": results}
 
 
 def _pairs(rows: Sequence[Row]) -> Row:

@@ -33,6 +33,7 @@ LEDGER = ".fingerprints.jsonl"
 FAILURES = "failures.json"
 """File with the error messages of a folder's failed jobs, by name."""
 Item = TypeVar("Item")
+Read = TypeVar("Read")
 log = logging.getLogger(__name__)
 
 
@@ -312,6 +313,27 @@ def run_jobs(
         else:
             (folder / FAILURES).unlink(missing_ok=True)
     return Summary(tuple(sorted(done)), tuple(job.name for job in skipped), failed)
+
+
+def read_output(job: Job[Item], read: Callable[[Path], Read], function: Callable[[Item, Path], Any]) -> Read:
+    """What a finished job wrote. An output that was damaged since then is made again, in this process.
+
+    Args:
+        job: a job that `run_jobs` has done or kept.
+        read: reads the output; raises `DataError` where it is damaged.
+        function: the function of `run_jobs`.
+
+    Raises:
+        DataError: the job fails when it is done again.
+    """
+    try:
+        return read(job.output)
+    except DataError as e:
+        log.warning("%s; it is made again", e)
+    for outcome in run_tasks(partial(_do, function), [job], workers=1):
+        if outcome.error:
+            raise DataError(outcome.error)
+    return read(job.output)
 
 
 def _do(function: Callable[[Item, Path], Any], job: Job[Item]) -> None:

@@ -72,6 +72,11 @@ class Executor:
         self.scene, self.data_set_rules = scene, data_set_rules
         self.world = World(scene, simulate)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The scene's; a prediction file has none."""
+        return () if self._official is not None else self.scene.notes
+
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
 
