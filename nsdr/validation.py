@@ -278,12 +278,15 @@ def _checkable(hint: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """A value whose numpy numbers are Python's."""
+    """A value whose numbers and texts are of Python's own types, not of NumPy's or of other subclasses of them."""
     if isinstance(value, Mapping):
         return {_plain(k): _plain(v) for k, v in value.items()}
     if isinstance(value, tuple):
         return tuple(_plain(v) for v in value)
-    return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, np.generic):
+        return value.item()
+    kind = next((k for k in (bool, int, float, str) if isinstance(value, k)), type(value))
+    return value if type(value) is kind else kind(value)
 
 
 def _check_arrays(owner: Any, arrays: Mapping[str, tuple[Array, str, bool]], where: str) -> None:

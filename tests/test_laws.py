@@ -225,6 +225,39 @@ def test_pairs_are_a_data_set_with_questions(tmp_path) -> None:
     assert Files(root, "validation", 10000).truth.stat().st_mtime_ns == made
 
 
+def test_the_test_split_has_no_answers(tmp_path) -> None:
+    """As in the release and in `nsdr generate dataset`: they are in `truth/` alone."""
+    config = ViolationsConfig(
+        str(tmp_path / "data"), videos=2, first_scene=SEEDS["continuity"], laws=("continuity",), renderer="none",
+        masks=False, sizes=("clear",), workers=1, splits={"test": 1.0},
+    )  # fmt: skip
+    root = generate_violations(config)
+    asked, answered = (read_questions(root / name) for name in ("questions/test.json", "truth/questions_test.json"))
+    assert [s.questions[0].answer for s in asked] == [None, None]
+    assert {c.answer for s in asked for q in s.questions for c in q.choices} == {None}
+    assert [s.questions[0].answer for s in answered] == ["yes", "no"]
+    assert "questions" in {row.kind for row in CLEVRER(root).inventory()}
+
+
+def test_scenes_of_large_sets_stay_those_of_their_seed(tmp_path, monkeypatch) -> None:
+    seeds = []
+    monkeypatch.setattr("nsdr.generate.violations.simulate_scene", lambda seed, *_, **__: seeds.append(seed))
+    monkeypatch.setattr("nsdr.generate.violations.break_law", lambda *_: None)
+    config = ViolationsConfig(str(tmp_path), videos=10_000, splits={"train": 1.0}, seed=3)
+    with pytest.raises(DataError, match="no occasion"):
+        config.made_together(9998)
+    assert len(seeds) == 200
+    assert max(seeds) < 4_000_000
+
+
+def test_a_video_called_like_the_list_of_failures_is_judged(tmp_path) -> None:
+    video, report = tmp_path / "failures.mp4", tmp_path / "r.json"
+    video.write_text("no video")
+    assert main(["judge", str(video), "-o", str(report), "--workers", "1"]) == 1
+    kept = [path for path in (tmp_path / "r").iterdir() if "failures" in path.name]
+    assert [json.loads(path.read_text()) for path in kept] == json.loads(report.read_text())
+
+
 def test_the_command_judges_videos_and_says_which_it_cannot(tmp_path, capsys) -> None:
     other = tmp_path / "other.mp4"
     other.write_text("no video")

@@ -227,3 +227,17 @@ def test_a_file_that_cannot_be_opened_is_named(capsys, tmp_path) -> None:
     assert main(["execute", "--scene", str(tmp_path), "--program", "objects count"]) == 2
     assert str(tmp_path) in capsys.readouterr().err
     assert Path(tmp_path).is_dir()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["answer", "VIDEO", "-q", "How many cubes are there?", "--question=How many spheres are there?"],
+        ["generate", "scene", "-o", "a.json", "--output", "b.json"],
+        ["train", "question-parser", "--loop.steps", "1", "--loop.steps=2"],
+        ["data", "verify", "x", "--help", "--help"],
+    ],
+)
+def test_an_option_that_counts_once_is_not_taken_twice(arguments: list[str], capsys) -> None:
+    assert main(arguments) == 2
+    assert "is given 2 times" in capsys.readouterr().err

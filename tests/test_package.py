@@ -239,3 +239,18 @@ def test_notebooks_are_stored_without_outputs() -> None:
         for cell in json.loads(file.read_text())["cells"]:
             assert not cell.get("outputs"), file
             assert cell.get("execution_count") is None, file
+
+
+def test_a_folder_that_is_called_like_shipped_weights_does_not_replace_them(tmp_path, monkeypatch) -> None:
+    shipped, baseline = find_checkpoint(), find_checkpoint("truth/mac", "baselines")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "truth" / "mac").mkdir(parents=True)
+    (tmp_path / "default").mkdir()
+    assert find_checkpoint() == shipped
+    assert find_checkpoint("truth/mac", "baselines") == baseline
+    (tmp_path / "default" / "dynamics.safetensors").touch()
+    with pytest.warns(UserWarning, match=r"\./default is the folder"):
+        assert find_checkpoint() == shipped
+    assert find_checkpoint("./default").resolve() == tmp_path / "default"
+    (tmp_path / "mine").mkdir()
+    assert find_checkpoint("mine").resolve() == tmp_path / "mine"

@@ -1,13 +1,23 @@
 """The runner of long work: what is kept, what is done again."""
 
+import copy
+import os
+import pickle
+import shutil
+import subprocess
+import sys
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from nsdr import DataError
+import nsdr
+from nsdr import DataError, Scene
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.jobs import LEDGER, Job, run_jobs
+from nsdr.io.jobs import Job, run_jobs
+from nsdr.io.ledger import LEDGER
 
 
 def write(item: str, output: Path) -> None:
@@ -76,3 +86,68 @@ def test_fingerprints_depend_on_content_settings_and_weights(tmp_path) -> None:
     assert changed != fingerprint(inputs=[file], config={"x": 1}, weights=[weights])
     with pytest.raises(DataError, match=r"nowhere: no such file"):
         fingerprint(inputs=[tmp_path / "nowhere"])
+
+
+def test_equal_values_have_one_fingerprint_and_others_another(small_scene: Scene) -> None:
+    other = pickle.loads(pickle.dumps(small_scene))
+    visible = np.asfortranarray(small_scene.visible)
+    as_fortran = replace(
+        copy.copy(small_scene), visible=visible, counterfactual=dict(reversed(other.counterfactual.items()))
+    )
+    values = [small_scene, other, as_fortran]
+    assert len({fingerprint(inputs=[value]) for value in values}) == 1
+    assert fingerprint(inputs=[replace(small_scene, events=())]) != fingerprint(inputs=[small_scene])
+    assert len({fingerprint(inputs=[v]) for v in (1, 2, "1", None, True, (1,), [(1,)], b"1", {"1": 1})}) == 9
+    with pytest.raises(DataError, match="object has no fingerprint"):
+        fingerprint(inputs=[object()])
+
+
+def test_the_output_of_another_source_is_not_replaced(tmp_path: Path) -> None:
+    """Two folders hold videos of the same numbers; a moved or changed video, or other settings, are no other source."""
+
+    def run(source: Path, settings: str = "") -> tuple[str, ...]:
+        value = fingerprint(inputs=[source], config=settings)
+        job = Job("1", source.read_text(), tmp_path / "out" / "scene_1.json", value, source)
+        return run_jobs(write, [job], tmp_path / "out", workers=1).done
+
+    first, second, moved = (tmp_path / name / "video_1.mp4" for name in ("a", "b", "moved"))
+    for path, content in ((first, "one"), (second, "two")):
+        path.parent.mkdir()
+        path.write_text(content)
+    assert run(first) == ("1",)
+    for settings in ("", "other"):
+        with pytest.raises(
+            DataError, match=r"a/video_1\.mp4; .*b/video_1\.mp4 would replace it: choose another folder"
+        ):
+            run(second, settings)
+    assert (tmp_path / "out" / "scene_1.json").read_text() == "one"
+    first.write_text("changed")
+    assert run(first) == ("1",)
+    shutil.move(first.parent, moved.parent)
+    assert run(moved) == ()
+    assert run(moved, "other") == ("1",)
+
+
+@pytest.mark.parametrize("name", ["failures.json", ".fingerprints.jsonl", "a"])
+def test_no_two_things_are_written_to_one_file(name: str, tmp_path: Path) -> None:
+    listed = [Job("a", "1", tmp_path / "a", "x"), Job("b", "2", tmp_path / name, "x")]
+    with pytest.raises(DataError, match=f"{name}: would be written by"):
+        run_jobs(write, listed, tmp_path, workers=1)
+    assert not (tmp_path / "a").exists()
+
+
+def test_the_revision_is_that_of_the_package_and_not_of_a_repository_around_it(tmp_path: Path) -> None:
+    package = tmp_path / ".venv" / "nsdr"
+    shutil.copytree(Path(nsdr.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__", "checkpoints"))
+    (tmp_path / "mine.txt").write_text("")
+    (tmp_path / ".gitignore").write_text(".venv\n")
+    who = ["-c", "user.name=n", "-c", "user.email=e@example.org"]
+    for command in (["init", "-q"], ["add", "."], [*who, "commit", "-q", "-m", "mine"]):
+        subprocess.run(["git", *command], cwd=tmp_path, check=True)
+    code = "from nsdr.io.fingerprint import code_revision, __file__ as f; print(f, code_revision())"
+    run = [sys.executable, "-c", code]
+    environment = {**os.environ, "PYTHONPATH": str(package.parent)}
+    path, revision = subprocess.check_output(run, env=environment, cwd=tmp_path, text=True).split()
+    assert Path(path).is_relative_to(package)
+    assert revision[0].isdigit()
+    assert "." in revision

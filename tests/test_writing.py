@@ -83,6 +83,7 @@ def test_what_a_kill_leaves_is_hidden(tmp_path) -> None:
             temporary.write_text("ours")
         assert path.read_text() == "ours"
         other.kill()
+        assert other.wait() == -signal.SIGKILL
     (left,) = [p.name for p in tmp_path.iterdir() if p != path]
     assert re.fullmatch(r"\.video_00001-[0-9a-f]{8}\.partial\.mp4", left)
     assert find_files(tmp_path, "*.mp4") == [path]
@@ -92,6 +93,26 @@ def test_what_a_kill_leaves_is_hidden(tmp_path) -> None:
         temporary.write_text("half")
         raise RuntimeError
     assert [p.name for p in tmp_path.iterdir()] == ["video_00001.mp4"]
+
+
+def test_what_is_still_written_and_unfinished_folders_are_not_removed(tmp_path) -> None:
+    """Another command writes a video below the folder in which this one works, and a download was interrupted there."""
+    path = tmp_path / "videos" / "a.mp4"
+    (tmp_path / ".video_train.partial").mkdir()
+    with start(WRITES.format(path=str(path))) as other:
+        run_jobs(print, [], tmp_path)
+        assert other.communicate("\n")
+        assert other.wait() == 0
+    assert path.read_text() == "half"
+    assert (tmp_path / ".video_train.partial").is_dir()
+
+
+@pytest.mark.parametrize("value", [float("nan"), [1.0, {"a": float("inf")}]])
+def test_no_file_holds_numbers_that_no_reader_takes(value, tmp_path) -> None:
+    write_json(tmp_path / "a.json", "before")
+    with pytest.raises(DataError, match=r"a\.json: .*not a finite number"):
+        write_json(tmp_path / "a.json", value)
+    assert (tmp_path / "a.json").read_text() == '"before"\n'
 
 
 def test_writers_of_one_file_never_mix(tmp_path) -> None:

@@ -3,7 +3,6 @@
 import json
 import textwrap
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nsdr.cli.common import (
@@ -69,8 +68,7 @@ def _answer_by_baseline(options: Any) -> int:
     from nsdr.io.checkpoint import find_checkpoint
 
     refuse_idle(options, ("extensions", "trace", "keep_going", "dynamics", "config", "fps", "set"), " with --system")
-    name = options.system if Path(options.system).is_dir() else f"baselines/{options.system}"
-    baseline = TrainedBaseline.from_pretrained(find_checkpoint(name), options.device)
+    baseline = TrainedBaseline.from_pretrained(find_checkpoint(options.system, "baselines"), options.device)
     reads = "program" in baseline.network.needs
     if not reads:
         refuse_idle(options, ("parser", "parser_model", "checkpoint"), f": {options.system} reads no programs")

@@ -16,6 +16,7 @@ from typing import Any
 import jsonargparse
 
 from nsdr.errors import DataError, NsdrError
+from nsdr.io.configuration import OptionParser
 from nsdr.io.limits import limits
 
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -99,8 +100,9 @@ def _run(arguments: list[str]) -> int:
             print(f"nsdr {name} {summary}")
             return 0
         return int(run(rest))
-    parser = jsonargparse.ArgumentParser(prog=f"nsdr {name}", description=summary, exit_on_error=False)
+    parser = OptionParser(prog=f"nsdr {name}", description=summary, exit_on_error=False)
     add_options(parser)
+    parser.check_repeated(rest)
     try:
         given = parser.parse_args(rest)
     except jsonargparse.ArgumentError as e:

@@ -46,13 +46,13 @@ def parse_videos(
 
     Raises:
         DataError: the folder holds no videos, or two that would be written to the same file; or another process writes to
-            `output`.
+            `output`, or it holds the scenes of other videos with the same numbers.
     """
     paths = find_videos(videos)
     if not paths:
         raise DataError(f"{videos}: holds no {', '.join(f'*{suffix}' for suffix in SUFFIXES)}")
     found = by_number({str(p.relative_to(videos)): p for p in paths})
-    return _run("videos", found, output, checkpoint, settings, engine, workers, device)
+    return _run("videos", videos, found, output, checkpoint, settings, engine, workers, device)
 
 
 def predict_dynamics(
@@ -80,7 +80,7 @@ def predict_dynamics(
     if form not in FORMATS:
         raise DataError(f"form is {form!r}; expected one of {', '.join(FORMATS)}")
     found = find_proposals(proposals)
-    return _run(form, found, output, checkpoint, settings, engine, workers, device)
+    return _run(form, proposals, found, output, checkpoint, settings, engine, workers, device)
 
 
 def judge_videos(
@@ -94,8 +94,8 @@ def judge_videos(
 ) -> list[dict[str, Any]]:
     """Judge videos and write all that `judged` says of each to `report`, in their order.
 
-    A folder beside the report, of its name without `.json`, keeps a file for each video; what an earlier run wrote is kept
-    while the video, the settings, the weights and the code are the same.
+    A folder beside the report, of its name without `.json`, keeps `judgement_NAME.json` of each video; what an earlier run
+    wrote is kept while the video, the settings, the weights and the code are the same.
 
     Args:
         videos: files, animated images or folders of frames.
@@ -115,7 +115,7 @@ def judge_videos(
         if video.resolve() == folder.resolve():
             raise DataError(f"{report}: {video} would get the judgements; give the report another name")
         key = fingerprint(inputs=[video if video.is_file() or video.is_dir() else str(video).encode(), common])
-        jobs[name] = Job(str(video), video, folder / f"{name}.json", key)
+        jobs[name] = Job(str(video), video, folder / f"judgement_{name}.json", key)
     function = partial(_judge, checkpoint, settings, str(resolve_device(device)))
     summary = run_jobs(function, list(jobs.values()), folder, engine, workers)
     failed = summary.failed
@@ -144,6 +144,7 @@ def judged(pipeline: Pipeline, video: str | Path) -> dict[str, Any]:
 
 def _run(
     form: str,
+    source: str | Path,
     found: Mapping[str, tuple[str, Any]],
     output: str | Path,
     checkpoint: str,
@@ -156,7 +157,13 @@ def _run(
     common = settings.fingerprint(checkpoint, form).encode()
     stem = "sim" if form == "predictions" else "scene"
     jobs = [
-        Job(name, item, Path(output) / f"{stem}_{number}.json", fingerprint(inputs=[item, common]))
+        Job(
+            name,
+            item,
+            Path(output) / f"{stem}_{number}.json",
+            fingerprint(inputs=[item, common]),
+            item if isinstance(item, Path) else Path(source),
+        )
         for number, (name, item) in found.items()
     ]
     function = partial(_write, checkpoint, settings, str(resolve_device(device)), form)

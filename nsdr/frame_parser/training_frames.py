@@ -54,7 +54,7 @@ def write_frames(
         index = int(video.stem.removeprefix("video_"))
         if index in found:
             item, value = (index, video, found[index]), fingerprint(inputs=[video, found[index], settings])
-            jobs.append(Job(video.name, item, folder / f"annotations_{index:05d}.jsonl", value))
+            jobs.append(Job(video.name, item, folder / f"annotations_{index:05d}.jsonl", value, video))
     if not jobs:
         raise DataError(f"{videos}: holds no video_N.mp4 with a proposal_N.json or sim_N.json in {proposals}")
     summary = run_jobs(partial(_write_video_frames, every), jobs, folder, workers=1)

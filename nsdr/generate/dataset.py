@@ -105,6 +105,11 @@ class DatasetConfig(Settings):
                 "https://github.com/facebookresearch/clevr-dataset-gen"
             )
 
+    @property
+    def has_questions(self) -> bool:
+        """Whether the data set has question files."""
+        return self.questions is not None
+
     def scene_seed(self, index: int) -> int:
         """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
         return self.seed * SCENES_PER_SEED + self.first_scene + index
@@ -218,11 +223,16 @@ def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[
     found = run_in_order(partial(_scene_candidates, wanted), paths, config.engine, config.workers)
     scenes = list(select_questions(tqdm(found, total=len(paths), unit="scene", desc="questions"), wanted))
     root = Path(config.output)
+    if split != "test":
+        write_question_statistics(root / "questions" / split, scenes)
+    write_split_questions(root, split, scenes)
+
+
+def write_split_questions(root: Path, split: str, scenes: Sequence[SceneQuestions]) -> None:
+    """Write the question file of a split; the test split's answers are in `truth/questions_test.json` only."""
     if split == "test":
         write_questions(root / "truth" / "questions_test.json", scenes)
         scenes = [without_answers(scene) for scene in scenes]
-    else:
-        write_question_statistics(root / "questions" / split, scenes)
     write_questions(root / "questions" / f"{split}.json", scenes)
 
 
@@ -241,7 +251,7 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
         values.pop("counterfactual_videos")  # as in data sets from before there were such videos
     values["render"]["assets"] = Path(config.render.assets).name
     kinds = {"annotations": True, "videos": config.renderer != "none", "proposals": config.masks}
-    kinds["questions"] = config.questions is not None
+    kinds["questions"] = config.has_questions
     versions = {"python": platform.python_version()}
     for name in VERSIONS_OF:
         with suppress(PackageNotFoundError):

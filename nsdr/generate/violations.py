@@ -10,9 +10,9 @@ import numpy as np
 from msgspec import Meta
 
 from nsdr.clevrer.files.annotations import read_truth_file
-from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError
-from nsdr.generate.dataset import DatasetConfig, Files, Split, generate_dataset
+from nsdr.generate.dataset import SCENES_PER_SEED, DatasetConfig, Files, Split, generate_dataset, write_split_questions
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.violations import SIZES, break_law
 from nsdr.io.limits import limits
@@ -20,7 +20,8 @@ from nsdr.types import LAWS
 from nsdr.validation import Share, one_of
 
 SCENES_PER_PAIR = 400
-"""Scenes tried for one pair: not every scene has an occasion to break every law."""
+"""Scenes tried for one pair: not every scene has an occasion to break every law. Of large sets fewer are tried, as the scenes
+of a seed end at `SCENES_PER_SEED`."""
 PARTS = 4
 """Parts of a video, of which a question asks."""
 
@@ -54,6 +55,11 @@ class ViolationsConfig(DatasetConfig):
         if sum(share > 0 for share in self.splits.values()) != 1:
             raise DataError(f"splits: expected one split, as both videos of a pair are in it; got {dict(self.splits)}")
 
+    @property
+    def has_questions(self) -> bool:
+        """True: those about what is impossible."""
+        return True
+
     def made(self, index: int) -> tuple[SimulatedScene, dict[str, Any]]:
         """The scene of a video; that of every other one, with its `violation`, breaks a law."""
         return self.made_together(index)[self._place(index) % 2]
@@ -62,14 +68,16 @@ class ViolationsConfig(DatasetConfig):
         """Both videos of a pair."""
         pair = self._place(first) // 2
         size, law = (names[k % len(names)] for names, k in ((self.sizes, pair // len(self.laws)), (self.laws, pair)))
-        for attempt in range(SCENES_PER_PAIR):
-            seed = self.scene_seed(pair + attempt * (self.videos // 2))
+        n_pairs = self.videos // 2
+        tried = min(SCENES_PER_PAIR, (SCENES_PER_SEED - self.first_scene) // n_pairs)
+        for attempt in range(tried):
+            seed = self.scene_seed(pair + attempt * n_pairs)
             scene = simulate_scene(seed, self.scene, removals=False)
             found = break_law(scene, law, size, seed)
             if found is not None:
                 broken, violation = found
                 return [(scene, {}), (broken, {"violation": asdict(violation)})]
-        raise DataError(f"pair {pair}: {SCENES_PER_PAIR} scenes gave no occasion to break {law} ({size})")
+        raise DataError(f"pair {pair}: {tried} scenes gave no occasion to break {law} ({size}); another seed may")
 
     def _place(self, index: int) -> int:
         """Of a video in its split."""
@@ -80,7 +88,8 @@ def generate_violations(config: ViolationsConfig, keep_going: bool = False) -> P
     """Generate pairs of videos and return their folder; finished videos are kept.
 
     It is a data set like those of `generate_dataset`. `truth_N.json` of the second video of each pair has a `violation`
-    (`nsdr.types.Violation`), and the question file asks whether each video is possible, what in it is not, and when.
+    (`nsdr.types.Violation`), and the question file asks whether each video is possible, what in it is not, and when. Of the
+    test split, the answers are in `truth/questions_test.json` only.
 
     Raises:
         DataError: as of `generate_dataset`, or no scene gives an occasion.
@@ -91,7 +100,7 @@ def generate_violations(config: ViolationsConfig, keep_going: bool = False) -> P
             pairs = [[Files(root, split, first + k).truth for k in (0, 1)] for first in indices[::2]]
             paths = [path for pair in pairs if pair[1].exists() for path in pair]
             scenes = [_questions(read_truth_file(path)) for path in paths]
-            write_questions(root / "questions" / f"{split}.json", scenes)
+            write_split_questions(root, split, scenes)
     return root
 
 

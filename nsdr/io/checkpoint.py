@@ -1,6 +1,7 @@
 """Checkpoints: a folder with one safetensors file and one JSON file for each part. Nothing is ever unpickled."""
 
 import os
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
@@ -25,12 +26,17 @@ PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "baseline"
 RESTORE = "restore the file, or train the part (`nsdr train`)"
 
 
-def find_checkpoint(path_or_id: str | Path = "default") -> Path:
+def find_checkpoint(path_or_id: str | Path = "default", group: str = "") -> Path:
     """The folder of a checkpoint.
 
-    Looked for in this order: `path_or_id` as a path; below `$NSDR_CHECKPOINTS`; below the `checkpoints` folder of
-    the checkout; below `share/nsdr/checkpoints` of the environment, where an installed wheel puts those that ship. Those of
-    others are fetched first, such as by `huggingface_hub.snapshot_download`, which returns the folder.
+    A name is looked for in this order: below `$NSDR_CHECKPOINTS`; below the `checkpoints` folder of the checkout; below
+    `share/nsdr/checkpoints` of the environment, where an installed wheel puts those that ship; in the working folder. What
+    begins with `.`, `~` or `/` is a path, so `./default` is a folder of one's own that is called like a checkpoint that ships.
+    Checkpoints of others are fetched first, such as by `huggingface_hub.snapshot_download`, which returns the folder.
+
+    Args:
+        path_or_id: the name or path.
+        group: folder of named checkpoints, below those of the list above, that has the name: "baselines", or "" for none.
 
     Raises:
         CheckpointError: found nowhere; says where it was looked for.
@@ -44,12 +50,16 @@ def find_checkpoint(path_or_id: str | Path = "default") -> Path:
     # Not sys.prefix: pip also installs for a user, into a folder, and on Debian below /usr/local.
     installed = [folder / "share" / "nsdr" / "checkpoints" for folder in above]
     roots += [root for root in installed if root.is_dir()][:1]
-    for folder in [Path(name), *(root / name for root in roots)]:
-        if folder.is_dir():
-            return folder
+    own = Path(name).expanduser()
+    named = [] if own.is_absolute() or name.startswith(".") else [root / group / name for root in roots]
+    found = next((folder for folder in [*named, own] if folder.is_dir()), None)
+    if found is not None:
+        if found != own and any(own.glob("*.safetensors")):
+            warnings.warn(f"{name}: taken from {found}; ./{name} is the folder of that name here", stacklevel=2)
+        return found
     if name.startswith("hf:"):
         raise CheckpointError(f"{name}: fetch it first, and give the folder: `hf download USER/NAME --revision COMMIT`")
-    looked = ", ".join([name, *(str(root / name) for root in roots)])
+    looked = ", ".join(map(str, [*named, own]))
     remedy = (
         "set NSDR_CHECKPOINTS to a folder that holds it, or clone the repository: its checkpoints/ has all that ship"
     )

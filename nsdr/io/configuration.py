@@ -1,8 +1,10 @@
 """Command line and YAML -> one frozen dataclass: defaults, then the file, then the flags; unknown keys are errors."""
 
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from functools import cached_property
 from itertools import pairwise
 from types import NoneType
 from typing import Any, TypeVar, get_args
@@ -17,6 +19,36 @@ UNUSABLE = (jsonargparse.ArgumentError, TypeError, ValueError, KeyError, Attribu
 """What jsonargparse raises about keys and values."""
 
 
+class OptionParser(jsonargparse.ArgumentParser):
+    """A parser that refuses an option that is given twice, of which argparse drops the first value without a word."""
+
+    def add_argument(self, *args: Any, **kwargs: Any) -> Any:
+        """As that of argparse; an option with the action "append" or "config" may be repeated."""
+        added = super().add_argument(*args, **kwargs)
+        names = dict.fromkeys(added.option_strings, "/".join(added.option_strings))
+        if isinstance(self, OptionParser):  # jsonargparse also gives this method to its groups
+            (self.repeatable if kwargs.get("action") in ("append", "config") else self.once).update(names)
+        return added
+
+    @cached_property
+    def once(self) -> dict[str, str]:
+        """How an option is shown to users by each of its names, for options that count once."""
+        return {}
+
+    @cached_property
+    def repeatable(self) -> dict[str, str]:
+        """The same of options that may be repeated."""
+        return {}
+
+    def check_repeated(self, arguments: Sequence[str]) -> None:
+        """Raises `DataError` where an option that counts once is there twice; names it."""
+        names = (a.partition("=")[0] for a in arguments)
+        given = [n for n in names if n in self.once or (n.startswith("--") and n not in self.repeatable)]
+        for name, times in Counter(self.once.get(n, n) for n in given).items():
+            if times > 1:
+                raise DataError(f"{name} is given {times} times, of which one alone would count; give it once")
+
+
 def parse_config(kind: type[T], argv: Sequence[str] | None, program: str) -> T:
     """The configuration `kind` from arguments such as `["--config", "a.yaml", "--loop.steps", "10"]`.
 
@@ -28,11 +60,10 @@ def parse_config(kind: type[T], argv: Sequence[str] | None, program: str) -> T:
     files += [value.removeprefix("--config=") for value in arguments if value.startswith("--config=")]
     for file in files:
         _check_sections(kind, read_yaml(file), file)
-    parser = jsonargparse.ArgumentParser(
-        prog=program, description=(kind.__doc__ or "").splitlines()[0], exit_on_error=False
-    )
+    parser = OptionParser(prog=program, description=(kind.__doc__ or "").splitlines()[0], exit_on_error=False)
     parser.add_argument("--config", action="config", help="a YAML file; flags after it win")
     parser.add_class_arguments(kind)
+    parser.check_repeated(arguments)
     try:
         values = parser.instantiate(parser.parse_args(arguments)).as_dict()
         values.pop("config")

@@ -62,10 +62,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = path.with_name(f".{path.stem}-{os.urandom(4).hex()}{PARTIAL}{path.suffix}")
         try:
-            temporary.touch()
-            yield temporary
-            sync(temporary)
-            os.replace(temporary, path)
+            with _marked(temporary):
+                yield temporary
+                sync(temporary)
+                os.replace(temporary, path)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
@@ -77,11 +77,44 @@ def _check_is_file(target: Path, path: str | Path) -> None:
         raise DataError(f"{path}: is a {'folder' if target.is_dir() else 'device or a pipe'}; expected a file")
 
 
+@contextmanager
+def _marked(path: Path) -> Iterator[None]:
+    """A new, empty file, which `_is_written` says is written until the block or this process ends."""
+    try:
+        import fcntl
+    except ImportError:  # Windows deletes no file that is open
+        path.touch()
+        yield
+        return
+    with path.open("xb") as file:
+        with suppress(OSError):  # of file systems that cannot lock
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+
+
+def _is_written(path: Path) -> bool:
+    """Whether a process is still writing an unfinished file, or that cannot be known."""
+    try:
+        import fcntl
+    except ImportError:
+        return False
+    try:
+        with path.open("rb+") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    return False
+
+
 def remove_partial_files(folder: Path) -> None:
-    """Delete the unfinished files that killed processes left in a folder, of which this process has the lock."""
+    """Delete the unfinished files that killed processes left below a folder, and none that a process is still writing.
+
+    Unfinished folders, such as that of an interrupted download, stay: the command that made them goes on with them.
+    """
     for path in folder.rglob(f".*{PARTIAL}*"):
-        with suppress(PermissionError):  # of another user
-            path.unlink(missing_ok=True)
+        if path.is_file() and not _is_written(path):
+            with suppress(PermissionError):  # of another user
+                path.unlink(missing_ok=True)
 
 
 def write_file(path: str | Path, content: str | bytes) -> None:
@@ -95,8 +128,29 @@ def write_file(path: str | Path, content: str | bytes) -> None:
 
 
 def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
-    """Write `value` as JSON, atomically."""
-    write_file(path, json.dumps(value, indent=indent) + "\n")
+    """Write `value` as JSON, atomically.
+
+    Raises:
+        DataError: as `atomic_path`, or the value holds NaN or an infinite number, which JSON has not and no reader takes.
+    """
+    write_file(path, json_text(value, path, indent) + "\n")
+
+
+def json_text(value: Any, name: str | Path, indent: int | None = None) -> str:
+    """`value` as JSON.
+
+    Args:
+        value: plain values.
+        name: where the text goes, for the error message.
+        indent: spaces of each level; None for one line.
+
+    Raises:
+        DataError: NaN or an infinite number in it; names `name`.
+    """
+    try:
+        return json.dumps(value, indent=indent, allow_nan=False)
+    except ValueError as e:
+        raise DataError(f"{name}: not written: a value is not a finite number ({e})") from e
 
 
 def sync(*paths: Path) -> None:

@@ -6,13 +6,14 @@ configuration. Whoever changes what a stage gives raises it; `tests/test_stage_v
 
 import hashlib
 import json
-import pickle
 import subprocess
-from collections.abc import Iterable
-from dataclasses import asdict, is_dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from nsdr.errors import DataError
 
@@ -24,13 +25,14 @@ def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iter
     """A short text that changes when anything changes on which a result depends.
 
     Args:
-        inputs: what is worked on: a `Path` stands for the content of that file or for that of the files in that folder, bytes
-            for themselves, other values (such as `VideoProposals`) for their pickled form.
+        inputs: what is worked on: a `Path` stands for the content of that file or for that of the files in that folder; bytes,
+            dataclasses (such as `VideoProposals`), arrays, mappings, sequences and plain values for themselves: equal values
+            have one fingerprint.
         config: the resolved configuration with the versions of the stages: a dataclass, or plain values.
         weights: files, or folders with `*.safetensors` and `*.json`.
 
     Raises:
-        DataError: a file cannot be read; names it.
+        DataError: a file cannot be read; names it. Or a value of `inputs` is of another kind.
     """
     plain = asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
     digest = hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode())
@@ -38,12 +40,38 @@ def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iter
         for file in sorted([*path.glob("*.safetensors"), *path.glob("*.json")]) if path.is_dir() else [path]:
             digest.update(file.name.encode() + _content_digest(file))
     for item in inputs:
-        if isinstance(item, Path):
-            digest.update(_content_digest(item))
-        else:
-            content_or_pickle = item if isinstance(item, bytes) else pickle.dumps(item, protocol=5)
-            digest.update(hashlib.sha256(content_or_pickle).digest())
+        digest.update(_value_digest(item))
     return digest.hexdigest()[:DIGITS]
+
+
+def _value_digest(value: Any) -> bytes:
+    """The digest of an input. That of a value with parts is made of its kind and the digests of the parts."""
+    parts: list[bytes]
+    match value:
+        case Path():
+            return _content_digest(value)
+        case bytes():
+            return hashlib.sha256(value).digest()
+        case np.ndarray():
+            parts = [f"array {value.dtype.str} {value.shape}".encode(), np.ascontiguousarray(value).tobytes()]
+        case Mapping():
+            pairs = sorted(_value_digest(k) + _value_digest(v) for k, v in value.items())
+            parts = [b"mapping", *pairs]
+        case tuple() | list():
+            parts = [b"sequence", *map(_value_digest, value)]
+        case np.generic():
+            return _value_digest(value.item())
+        case None | bool():
+            parts = [repr(value).encode()]
+        case int() | float() | str():
+            kind = next(k for k in (int, float, str) if isinstance(value, k))
+            parts = [f"{kind.__name__} {kind(value)!r}".encode()]
+        case _ if is_dataclass(value):
+            content = [_value_digest(getattr(value, field.name)) for field in fields(value)]
+            parts = [f"dataclass {type(value).__name__}".encode(), *content]
+        case _:
+            raise DataError(f"a {type(value).__name__} has no fingerprint; expected a file, bytes, or plain values")
+    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).digest()
 
 
 def _content_digest(path: Path) -> bytes:
@@ -59,11 +87,15 @@ def _content_digest(path: Path) -> bytes:
 
 
 def code_revision() -> str:
-    """The git commit of this checkout, with `+changes` when the package has uncommitted ones; else the package's version."""
+    """The git commit of this checkout, with `+changes` when the package has uncommitted ones; else the package's version.
+
+    A repository around an installed package, such as one with the environment inside it, is none of this package's.
+    """
     folder = Path(__file__).parents[1]
-    commands = (["git", "rev-parse", "--short", "HEAD"], ["git", "status", "--porcelain", "."])
+    is_tracked = ["git", "ls-files", "--error-unmatch", "__init__.py"]
+    commands = (is_tracked, ["git", "rev-parse", "--short", "HEAD"], ["git", "status", "--porcelain", "."])
     try:
-        head, changes = (
+        _, head, changes = (
             subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout.strip()
             for command in commands
         )

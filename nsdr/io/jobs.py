@@ -1,6 +1,5 @@
 """Many tasks, in this process, in several or on a Ray cluster; and jobs, whose finished outputs are kept between runs."""
 
-import json
 import logging
 import os
 import re
@@ -11,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait as wait_for
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -20,7 +19,9 @@ from tqdm import tqdm
 
 from nsdr.errors import DataError
 from nsdr.io.device import available_cores
-from nsdr.io.files import check_installed, locked, remove_partial_files, sync, write_json, writing
+from nsdr.io.files import check_installed, locked, remove_partial_files, write_json
+from nsdr.io.fingerprint import fingerprint
+from nsdr.io.ledger import LEDGER, Entry, append_to_ledger, read_ledger
 
 ENGINES = ("processes", "ray")
 RAY_RETRIES = 3
@@ -29,7 +30,6 @@ RAY_TASKS_PER_CORE = 2
 """Tasks handed to Ray per core, so that none waits for the next one."""
 PARENT_POLL_S = 1.0
 """Time after which a worker looks whether its program still runs (s)."""
-LEDGER = ".fingerprints.jsonl"
 FAILURES = "failures.json"
 """File with the error messages of a folder's failed jobs, by name."""
 Item = TypeVar("Item")
@@ -226,12 +226,15 @@ class Job(Generic[Item]):
         item: what the task works on; picklable.
         output: the file that the task writes last; its presence marks the task as finished.
         fingerprint: of everything the output depends on (`nsdr.io.fingerprint`).
+        source: the file or folder whose number or name the output has; None where it is named otherwise. The output of another
+            source is not replaced.
     """
 
     name: str
     item: Item
     output: Path
     fingerprint: str
+    source: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -286,28 +289,32 @@ def run_jobs(
         wait: wait for another process that works in the folder, in place of an error.
 
     Raises:
-        DataError: an unknown engine, another process works in the folder, or it cannot be written (no space left).
+        DataError: an unknown engine, another process works in the folder, or it cannot be written (no space left). Or two jobs
+            have one output, an output is a file of the folder's own, or it was made from another source, which is still there.
     """
     folder = Path(folder)
     with locked(folder, wait=wait):
         remove_partial_files(folder)
-        known = dict(_ledger(folder))
-        keys = {job.output: str(job.output.relative_to(folder)) for job in jobs}
-        skipped = [job for job in jobs if job.output.exists() and known.get(keys[job.output]) == job.fingerprint]
+        entries = read_ledger(folder)
+        made = {job.output: _entry(job, folder) for job in jobs}
+        _check_outputs(jobs, folder)
+        skipped = [job for job in jobs if job.output.exists() and _is_of(made[job.output], entries)]
         kept = {job.output for job in skipped}
         left = [job for job in jobs if job.output not in kept]
+        for job in left:
+            _check_source(job, entries.get(made[job.output].output))
         done: list[str] = []
         failed: dict[str, str] = {}
         outcomes = run_tasks(partial(_do, function), left, engine, workers)
         # From here on no earlier line vouches for what a kill may leave half replaced.
-        _append(folder, {keys[job.output]: "" for job in left})
+        append_to_ledger(folder, [replace(made[job.output], fingerprint="") for job in left])
         for outcome in tqdm(outcomes, total=len(jobs), initial=len(skipped), unit=unit, desc=f"{unit}s"):
             job = outcome.item
             if outcome.error:
                 failed[job.name] = outcome.error
                 continue
             done.append(job.name)
-            _append(folder, {keys[job.output]: job.fingerprint})
+            append_to_ledger(folder, [made[job.output]])
         if failed:
             write_json(folder / FAILURES, dict(sorted(failed.items())), indent=1)
         else:
@@ -340,21 +347,33 @@ def _do(function: Callable[[Item, Path], Any], job: Job[Item]) -> None:
     function(job.item, job.output)
 
 
-def _append(folder: Path, fingerprints: Mapping[str, str]) -> None:
-    """Write lines of the ledger to the disk; what a kill or a full disk left unfinished before them is a line of its own."""
-    path = folder / LEDGER
-    with writing(path):
-        with path.open("a", encoding="utf-8") as ledger:
-            ledger.writelines(f"\n{json.dumps(pair)}" for pair in fingerprints.items())
-        sync(path)
+def _entry(job: Job[Item], folder: Path) -> Entry:
+    source = "" if job.source is None else os.path.realpath(job.source)
+    return Entry(str(job.output.relative_to(folder)), job.fingerprint, source)
 
 
-def _ledger(folder: Path) -> Iterator[tuple[str, str]]:
-    """(output, fingerprint) pairs, the newest last; a line that a kill left unfinished is passed over."""
-    path = folder / LEDGER
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
-        try:
-            output, value = json.loads(line)
-        except (TypeError, ValueError):
-            continue
-        yield output, value
+def _is_of(made: Entry, entries: Mapping[str, Entry]) -> bool:
+    """Whether an output is still what its job would make."""
+    return made.output in entries and entries[made.output].fingerprint == made.fingerprint
+
+
+def _check_outputs(jobs: Sequence[Job[Item]], folder: Path) -> None:
+    """No two jobs write the same file, and none writes the folder's own."""
+    names: dict[Path, str] = {folder / FAILURES: "the list of failures", folder / LEDGER: "the list of what is done"}
+    for job in jobs:
+        if job.output in names:
+            raise DataError(
+                f"{job.output}: would be written by {names[job.output]} and by {job.name}; rename the latter"
+            )
+        names[job.output] = job.name
+
+
+def _check_source(job: Job[Item], before: Entry | None) -> None:
+    """An output that was made from another source, which is still there with another content, is not replaced."""
+    if before is None or job.source is None or not job.output.exists():
+        return
+    source = Path(before.source)
+    if before.source in ("", os.path.realpath(job.source)) or not source.exists():
+        return
+    if fingerprint(inputs=[source]) != fingerprint(inputs=[job.source]):
+        raise DataError(f"{job.output}: was made from {source}; {job.source} would replace it: choose another folder")

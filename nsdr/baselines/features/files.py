@@ -19,7 +19,7 @@ from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.configuration import config_of
 from nsdr.io.device import PRECISIONS
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.jobs import LEDGER
+from nsdr.io.ledger import LEDGER
 from nsdr.io.reading import read_json
 from nsdr.validation import MAX_SIZE, Settings, Size, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX

@@ -112,6 +112,8 @@ class _File(msgspec.Struct):
 
     def __post_init__(self) -> None:
         expect(len(self.frames) > 0, ".frames", "at least 1", "none")
+        first = self.frames[0].frame_index
+        expect(first == 0, ".frames[0].frame_index", "0, as frames are numbered from 0", first)
         before = -1
         for f, frame in enumerate(self.frames):  # the irregular video 7648 skips some
             place = f".frames[{f}]"

@@ -1,6 +1,5 @@
 """What all formats have in common: settings, the data set's questions and videos, the registry, and the run that writes one."""
 
-import json
 import logging
 import shutil
 from collections.abc import Callable, Iterator, Mapping
@@ -23,6 +22,7 @@ from nsdr.io.files import (
     atomic_path,
     check_installed,
     check_output_folder,
+    json_text,
     locked,
     remove_partial_files,
     write_json,
@@ -256,7 +256,7 @@ def write_json_lines(export: Export, row: Callable[[Record], Mapping[str, Any]])
         if not path.exists():
             with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
                 for record in export.records(split):
-                    file.write(json.dumps(row(record)) + "\n")
+                    file.write(json_text(row(record), path) + "\n")
 
 
 def _first_seed(root: CLEVRER) -> int | None:
