@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -308,3 +309,38 @@ def test_controls_of_videos_of_another_shape(tmp_path: Path) -> None:
         "kinds": ["videos", "questions"],
         "n_frames": 3,
     }  # and no seed, which exports would give
+
+
+def test_answers_in_the_forms_that_systems_write_are_read(tmp_path: Path) -> None:
+    """Numbers and truth values for words, and "error", as an answer or a key, where the released executor failed."""
+    (scene,) = read_questions(QUESTIONS)
+    chosen = [q for q in scene.questions if len(q.choices) > 1][:2]
+    counted = replace(chosen[0], id=100, type="descriptive", subtype="count", answer="3", choices=())
+    existing, shaped = replace(counted, id=101, answer="yes"), replace(counted, id=102, answer="sphere")
+    asked = replace(scene, questions=(*chosen, counted, existing, shaped))
+    failed: list[dict[str, Any]] = [
+        {"question_id": q.id, "choices": [{"choice_id": c.id, "answer": c.answer == "correct"} for c in q.choices]}
+        for q in chosen
+    ]
+    failed[0]["choices"][0] = {"choice_id": chosen[0].choices[0].id, "error": "unique: no object"}
+    failed[1]["choices"][1]["answer"] = "error"
+    rows = [
+        {"question_id": 100, "answer": 3},
+        {"question_id": 101, "answer": True},
+        {"question_id": 102, "answer": "ball"},
+    ]
+    path = tmp_path / "submission.json"
+    path.write_text(json.dumps([{"scene_index": scene.scene_index, "questions": failed + rows}]))
+    write_questions(tmp_path / "questions.json", [asked])
+    assert (
+        main(["score", str(path), "--questions", str(tmp_path / "questions.json"), "-o", str(tmp_path / "r.json")]) == 0
+    )
+    report = json.loads((tmp_path / "r.json").read_text())
+    assert report["descriptive"]["accuracy"] == 1.0
+    choices = [c["correct"] for row in report["results"] for c in row.get("choices", ())]
+    assert choices.count(False) == 2
+    assert sum(report[q.type]["per_question"] or 0 for q in chosen) == 0
+    assert len(report["responses"]["failed_options"]) == 2
+    lines = [{"id": f"{scene.scene_index}-{row['question_id']}", "response": row["answer"]} for row in rows]
+    (tmp_path / "lines.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    assert score_responses([asked], read_answers(tmp_path / "lines.jsonl"))["descriptive"]["accuracy"] == 1.0

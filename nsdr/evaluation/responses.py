@@ -8,8 +8,9 @@ from typing import Any
 from msgspec.structs import replace
 
 from nsdr.baselines.q_type import q_type_answers
-from nsdr.clevrer.answers.answer_files import Given, QuestionKey, read_given
+from nsdr.clevrer.answers.answer_files import ERROR, Given, QuestionKey, read_given
 from nsdr.clevrer.answers.prompts import option_letters
+from nsdr.clevrer.answers.responses import Response
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.measures import percent
@@ -38,8 +39,8 @@ def score_responses(
         The report of `nsdr.evaluation.score.score_answers`, and
         `references`: systems that see nothing on the same questions, as of `reference_rows`;
         `responses`: numbers of `questions`, `answered` ones and `scored` ones; ids of the `missing` and of the `unknown`
-        questions; `read_as`, how often answers were found in which form; `unread_by_type`; and `unread`, each with its id,
-        type, problem and first characters.
+        questions; `read_as`, how often answers were found in which form; `unread_by_type`; `unread`, each with its id,
+        type, problem and first characters; and `failed_options`, for which a submission says "error".
 
     Raises:
         DataError: no answer is about one of the questions, or these have no answers in their file.
@@ -51,6 +52,7 @@ def score_responses(
         )
     unread: list[dict[str, Any]] = []
     read_as: Counter[str] = Counter()
+    failed: list[str] = []
 
     def read(question: Question, key: QuestionKey) -> Answer | NsdrError:
         if key not in given:
@@ -58,7 +60,8 @@ def score_responses(
         response = read_given(question, given[key])
         if response.answer is not None:
             read_as[response.how] += 1
-            return answer_of(question, response.answer)
+            failed.extend(f"{_id(key)}, option {letter}" for letter in sorted(response.failed))
+            return answer_of(question, response)
         unread.append(
             {
                 "id": _id(key),
@@ -85,18 +88,23 @@ def score_responses(
             "read_as": dict(sorted(read_as.items())),
             "unread_by_type": {kind: sum(u["question_type"] == kind for u in unread) for kind in QUESTION_TYPES},
             "unread": unread,
+            "failed_options": failed,
         },
     }
 
 
-def answer_of(question: Question, answer: str | frozenset[str]) -> Answer:
-    """An answer as it was read, as a result of a system: a word, or judgements of the options by their letters."""
-    if isinstance(answer, str):
-        return Answer(question.text, (), answer)
+def answer_of(question: Question, response: Response) -> Answer:
+    """What was read in a response, as a result of a system: a word, or judgements of the options by their letters.
+
+    An option on which the system failed is judged as "error", which is never right.
+    """
+    if isinstance(response.answer, str):
+        return Answer(question.text, (), response.answer)
+    right = response.answer or frozenset()
     letters = option_letters(len(question.choices))
     judged = [
-        ChoiceAnswer(c.text, "correct" if letter in answer else "wrong", (), ())
-        for letter, c in zip(letters, question.choices, strict=True)
+        ChoiceAnswer(c.text, ERROR if x in response.failed else "correct" if x in right else "wrong", (), ())
+        for x, c in zip(letters, question.choices, strict=True)
     ]
     return Answer(question.text, (), None, choices=tuple(judged))
 
@@ -128,6 +136,8 @@ def format_report(report: Mapping[str, Any], references: bool = True) -> str:
         counts = ", ".join(f"{kind} {n}" for kind, n in responses["unread_by_type"].items() if n)
         lines.append(f"{len(unread)} responses cannot be read and count as wrong: {counts}")
         lines += [f"  {u['id']}: {u['problem']}: {u['response'][:60]!r}" for u in unread[:LISTED]]
+    if failed := responses["failed_options"]:
+        lines.append(f"{len(failed)} options have the answer {ERROR!r} and count as wrong ({_listed(failed)})")
     return "\n".join(lines)
 
 

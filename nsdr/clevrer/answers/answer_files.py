@@ -28,12 +28,16 @@ __all__ = [
 QuestionKey = tuple[int, int]
 """Scene index, and id of the question within the scene."""
 Given = str | Mapping[int, str]
-"""A system's answer: its response; or of a submission "correct" or "wrong" by the choice's id."""
+"""A system's answer: its response; or of a submission "correct", "wrong" or "error" by the choice's id."""
+ERROR = "error"
+"""What systems such as the released executor write, as an answer or as a key, where a program failed."""
+Word = str | bool | int | None
+"""An answer in a file: a text, a number, or true or false for "yes" or "no"; null for none."""
 
 
 class _Row(TypedDict):
     id: RecordId
-    response: str | None
+    response: Word
 
 
 def read_answers(path: str | Path) -> dict[QuestionKey, Given]:
@@ -70,8 +74,11 @@ def read_given(question: Question, given: Given) -> Response:
         expected = f"those of {sorted(ids)}" if ids else "the word that answers an open question"
         return Response(None, "", f"judgements of the choices {sorted(given)}; expected {expected}")
     letters = option_letters(len(ids))
-    right = frozenset(letter for letter, i in zip(letters, ids, strict=True) if given[i] == "correct")
-    return Response(right, "choices", "")
+    right, failed = (
+        frozenset(letter for letter, i in zip(letters, ids, strict=True) if given[i] == judgement)
+        for judgement in ("correct", ERROR)
+    )
+    return Response(right, "choices", "", failed)
 
 
 def write_responses(path: str | Path, responses: Iterable[tuple[QuestionKey, str]]) -> None:
@@ -86,7 +93,14 @@ def _of_lines(data: bytes, name: str) -> Iterator[tuple[str, QuestionKey, str]]:
     for number, content in parse_json_lines(data, name):
         row: _Row = convert(content, _Row, f"{name}, line {number}: ")
         scene, question = map(int, row["id"].split("-"))
-        yield f", line {number}", (scene, question), row["response"] or ""
+        yield f", line {number}", (scene, question), _text(row["response"])
+
+
+def _text(word: Word) -> str:
+    """An answer as a text."""
+    if isinstance(word, bool):
+        return "yes" if word else "no"
+    return "" if word is None else str(word)
 
 
 def _of_submission(content: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, QuestionKey, Given]]:
@@ -99,13 +113,15 @@ def _of_submission(content: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, 
 
 class _Choice(TypedDict):
     choice_id: Id
-    answer: Literal["correct", "wrong"]
+    answer: NotRequired[Literal["correct", "wrong", "error"] | bool]
+    error: NotRequired[Any]
 
 
 class _Question(TypedDict):
     question_id: Id
-    answer: NotRequired[str]
+    answer: NotRequired[Word]
     choices: NotRequired[list[_Choice]]
+    error: NotRequired[Any]
 
 
 class _Scene(TypedDict):
@@ -142,6 +158,11 @@ def write_submission(path: str | Path, results: Iterable[Mapping[str, Any]]) -> 
 def read_submission(path: str | Path) -> list[dict[str, Any]]:
     """Read and check a submission file.
 
+    Returns:
+        Scenes with `scene_index` and `questions`, each with `question_id` and `answer`, a text, or `choices`, each with
+        `choice_id` and `answer`: "correct", "wrong" or "error". Numbers and truth values are read as the words that they stand
+        for; a question or choice with a key `error` in place of an answer has the answer "error".
+
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
@@ -151,7 +172,18 @@ def read_submission(path: str | Path) -> list[dict[str, Any]]:
         place = f"{path}: [{s}].questions"
         check_unique([q["question_id"] for q in scene["questions"]], place, ".question_id")
         for q, question in enumerate(scene["questions"]):
-            has_answer = "answer" in question or "choices" in question
+            has_answer = not {"answer", "choices", ERROR}.isdisjoint(question)
             expect(has_answer, f"{place}[{q}]", "'answer' or, for a question with options, 'choices'", "neither")
-            check_unique([c["choice_id"] for c in question.get("choices", ())], f"{place}[{q}].choices", ".choice_id")
+            choices = question.get("choices", ())
+            check_unique([c["choice_id"] for c in choices], f"{place}[{q}].choices", ".choice_id")
+            for c, choice in enumerate(choices):
+                expect(not {"answer", ERROR}.isdisjoint(choice), f"{place}[{q}].choices[{c}]", "'answer'", "none")
+                choice["answer"] = _judgement(choice.get("answer", ERROR))
+            if "choices" not in question:
+                question["answer"] = _text(question.get("answer", ERROR))
     return content
+
+
+def _judgement(answer: str | bool) -> str:
+    """What a choice is judged to be."""
+    return answer if isinstance(answer, str) else "correct" if answer else "wrong"

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.files.questions import ANSWERS, BEYOND
 from nsdr.errors import DataError
+from nsdr.world.vocabulary import NOUNS
 
 __all__ = ["UnreadableError", "is_bare", "plain", "read_candidate", "read_letters", "read_word"]
 
@@ -16,6 +17,8 @@ SAME_WORDS = {
     **{"grey": "gray", "cubes": "cube", "spheres": "sphere", "cylinders": "cylinder", "metallic": "metal"},
 }
 """Other spellings of answer words."""
+SHAPE_NOUNS = {noun: shape for noun, (shape, _) in NOUNS.items() if shape}
+"""Nouns that name a shape, such as "ball"; they are read where a text has no answer word, as in "a ball"."""
 SAME_SIGNS = {0x2019: "'", 0x2013: "-", 0x2014: "-", 0x2212: "-"}
 """Typographic apostrophe, dashes and minus sign, as plain ones."""
 DENIALS = frozenset(
@@ -106,6 +109,7 @@ def read_word(text: str) -> str:
     words = [_same(re.sub(r"^[.-]+(?!\d)|[.-]+$", "", token.strip("'<>"))) for token in tokens]
     words = [w for w in words if w]
     named = {w for w in words if w in ANSWERS or re.match(r"[.-]?\d", w)}
+    named = named or {SHAPE_NOUNS[w] for w in words if w in SHAPE_NOUNS}
     leading = re.match(r"(yes|no) ?[,.;:!-]", lower)
     if leading and len(named & {"yes", "no"}) == 1 and not any(w[-1].isdigit() for w in named):
         return leading[1]

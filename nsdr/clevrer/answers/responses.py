@@ -49,11 +49,13 @@ class Response:
             letters), "text" (it is a sentence or quotes options), "line" (the first or last), or "choices" where an EvalAI
             submission judges each one; "" if it cannot be read.
         problem: why it cannot be read; "" if it can.
+        failed: letters of the options on which the system says that it failed, in a submission.
     """
 
     answer: Answer | None
     how: str
     problem: str
+    failed: frozenset[str] = frozenset()
 
 
 def read_response(text: str, options: Sequence[str] = ()) -> Response:
@@ -64,7 +66,7 @@ def read_response(text: str, options: Sequence[str] = ()) -> Response:
     not read.
 
     >>> read_response("<think>A or B?</think><answer>A, C</answer>", ["it exits", "it enters", "it rests"])
-    Response(answer=frozenset({'A', 'C'}), how='tags', problem='')
+    Response(answer=frozenset({'A', 'C'}), how='tags', problem='', failed=frozenset())
 
     Args:
         text: the response.
