@@ -98,11 +98,13 @@ def first_frames(states: MotionStates, n_frames: int) -> MotionStates:
     names = ("location_world", "detected", "reliable", "present", "box_px")
     arrays = {name: getattr(states, name)[seen, :n_frames] for name in names}
     objects = tuple(replace(states.objects[i], id=k) for k, i in enumerate(seen.tolist()))
-    patches = None if states.patches is None else states.patches[seen, :n_frames].copy()
-    for i, whole in enumerate(arrays["reliable"]) if patches is not None else ():
-        frames = np.flatnonzero(whole)
-        nearest = np.abs(frames - np.arange(n_frames)[:, None]).argmin(1) if len(frames) else frames
-        patches[i] = patches[i, frames[nearest]] if len(frames) else 0
+    patches = None
+    if states.patches is not None:
+        patches = states.patches[seen, :n_frames].copy()
+        for i, whole in enumerate(arrays["reliable"]):
+            frames = np.flatnonzero(whole)
+            nearest = np.abs(frames - np.arange(n_frames)[:, None]).argmin(1) if len(frames) else frames
+            patches[i] = patches[i, frames[nearest]] if len(frames) else 0
     return _filled(replace(states, objects=objects, patches=patches, **arrays))
 
 
