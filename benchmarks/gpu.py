@@ -4,7 +4,11 @@ Each part's results beside the CPU's (`gpu_results`); of every training one step
 of a step with batches made in several ways (`gpu_trainings`); two processes on two devices; frames per second from video to
 answer. Without a GPU, results and single steps are those of a simulated second device, and the rest runs on the CPU.
 
+The most important rows come first. The table is written after each row, so that what is done stays when the rest is killed.
 A row that fails is in the table with its reason. After it a new process goes on, because an error of CUDA spoils its process.
+
+Making the data needs the extra `generate`. Where that is missing, `--data` takes the folder `data` that another machine made in
+its `--work`.
 """
 
 import argparse
@@ -15,10 +19,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from threading import local
 
 import torch
 from msgspec.structs import replace
@@ -38,6 +43,12 @@ from nsdr.world.physics_constants import VIDEO_FRAMES
 
 TARGET = 400
 """Frames per second from video to answer that one GPU should reach."""
+EVALUATED_BATCH = 32
+"""Frames in a batch of the frame parser, from video to answer."""
+ADDED_VIDEOS = 16
+"""Videos for each process that a longer run from video to answer has more than a shorter one."""
+UNTIMED = ("results", "one step", "resumed")
+"""Kinds of rows that find no times, so that several of them are measured at once."""
 GIB = 2**30
 
 Row = Callable[[Setting], Result]
@@ -57,14 +68,15 @@ def rows(small: bool) -> dict[str, Row]:
     for name in ("truth/mac", "truth/mac_objects", "truth/tbd", "truth/tvqa", "pixels/mac_objects"):
         found[f"results: baseline {name}"] = partial(results.baseline, name=name)
     found["results: video to answers"] = results.pipeline
-    for title, row in (("one step", trainings.one_step), ("resumed", trainings.resumed), ("rate", trainings.rates)):
+    for title, row in (("one step", trainings.one_step), ("resumed", trainings.resumed)):
         found |= {f"{title}: {name}": partial(row, name=name) for name in trainings.trainings()}
+    found["frames: by stage"] = stages
+    for workers in (1, 4, 16)[: 1 if small else None]:
+        title = f"frames: video to answer, --workers {workers}, batches of {EVALUATED_BATCH}"
+        found[title] = partial(video_to_answer, workers=workers, batch_size=EVALUATED_BATCH)
+    found |= {f"rate: {name}": partial(trainings.rates, name=name) for name in trainings.trainings()}
     for name in ("question-parser", "dynamics on states"):
         found[f"two processes: {name}"] = partial(trainings.two_processes, name=name)
-    found["frames: by stage"] = stages
-    for workers, size in ((1, 8), (1, 128), (4, 32), (16, 32))[: 1 if small else None]:
-        title = f"frames: video to answer, --workers {workers}, batches of {size}"
-        found[title] = partial(video_to_answer, workers=workers, batch_size=size)
     return found
 
 
@@ -87,7 +99,7 @@ def video_to_answer(setting: Setting, workers: int, batch_size: int) -> Result:
     """Frames per second of `nsdr evaluate`: of the videos that a longer run has more than a shorter one, so without start."""
     split, folder, on_gpu = setting.videos(), setting.work / "copies", setting.real != "cpu"
     sources, asked = [path.read_bytes() for path in split.entries("videos").values()], split.questions()
-    few, many = (1, 2) if setting.small else (4 * workers, 12 * workers)
+    few, many = (1, 2) if setting.small else (2 * workers, (2 + ADDED_VIDEOS) * workers)
     folder.mkdir(exist_ok=True)
     scenes = []
     for i in range(many):
@@ -128,26 +140,36 @@ def measured(row: Row, setting: Setting) -> tuple[str, bool]:
     return f"{text} | {'yes' if is_well else '**no**'} | {seconds:.0f} | {peak}", is_well
 
 
-def all_measured(chosen: Mapping[str, Row], setting: Setting) -> Iterator[tuple[str, bool]]:
-    """A line of the table for each row, and whether it is as expected.
+def all_measured(chosen: Mapping[str, Row], setting: Setting, at_once: int) -> Iterator[tuple[str, str, bool]]:
+    """Name, other cells and verdict of each row as it is done, `at_once` rows at a time where they find no times.
 
     An error, or the death of the process that measures, costs one row.
     """
-    pool: ProcessPoolExecutor | None = None
-    for name, row in tqdm(chosen.items(), unit="row"):
-        pool = pool or ProcessPoolExecutor(1, get_context("spawn"))
+    here, pools = local(), list[ProcessPoolExecutor]()
+
+    def cells_of(name: str) -> tuple[str, str, bool]:
+        if getattr(here, "pool", None) is None:
+            here.pool = ProcessPoolExecutor(1, get_context("spawn"))
+            pools.append(here.pool)
         try:
-            cells, is_well = pool.submit(measured, row, setting).result()
+            return name, *here.pool.submit(measured, chosen[name], setting).result()
         except Exception as e:
-            pool.shutdown()
-            pool, reason = None, " ".join(f"{type(e).__name__}: {e}".split())[:200].replace("|", "/")
-            cells, is_well = f"{reason} | **failed** | - | -", False
-        yield f"| {name} | {cells} |\n", is_well
-    if pool is not None:
-        pool.shutdown()
+            here.pool.shutdown()
+            here.pool, reason = None, " ".join(f"{type(e).__name__}: {e}".split())[:200].replace("|", "/")
+            return name, f"{reason} | **failed** | - | -", False
+
+    untimed = [name for name in chosen if name.startswith(UNTIMED)]
+    with tqdm(total=len(chosen), unit="row") as bar:
+        for names, size in ((untimed, at_once), ([name for name in chosen if name not in untimed], 1)):
+            with ThreadPoolExecutor(size) as threads:
+                for done in as_completed([threads.submit(cells_of, name) for name in names]):
+                    bar.update()
+                    yield done.result()
+            while pools:
+                pools.pop().shutdown()
 
 
-def heading(setting: Setting) -> str:
+def heading(setting: Setting, revision: str) -> str:
     """What was measured, where and with what; and the head of the table."""
     if setting.device == SIMULATED:
         where = "no GPU: results and single steps are of a simulated second device, the rest of the CPU"
@@ -158,7 +180,7 @@ def heading(setting: Setting) -> str:
     size = " with `--small`" if setting.small else ""
     return (
         "# Everything on a GPU\n\n"
-        f"`make gpu`{size} at revision {code_revision()}, {time.strftime('%Y-%m-%d')}. Device: {where}; "
+        f"`make gpu`{size} at revision {revision}, {time.strftime('%Y-%m-%d')}. Device: {where}; "
         f"{available_cores()} cores, torch {torch.__version__}, Python {platform.python_version()}.\n"
         "Time in seconds; memory is the most that torch reserved on the GPU in one process, GiB.\n\n"
         "| what | found | as expected | time | memory |\n|---|---|---|---|---|\n"
@@ -172,9 +194,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--device", default=default, help=f"of torch, or {SIMULATED}; {default} by default here")
     parser.add_argument("--small", action="store_true", help="few frames, videos and steps, to try the script")
     parser.add_argument("--only", nargs="+", default=[""], help="rows whose names contain one of these")
+    parser.add_argument("--data", type=Path, help="folder that an earlier run made in its --work; made anew without")
+    parser.add_argument("--at_once", type=int, default=min(4, available_cores()), help="rows without times at a time")
+    parser.add_argument("--revision", default=code_revision(), help="of the code, where the folder of Git is missing")
     parser.add_argument("--work", type=Path, default=Path("runs/gpu"), help="folder of data and runs, which is kept")
     options = parser.parse_args(argv)
-    setting = Setting(options.device, options.work.resolve(), options.small)
+    made = options.data and options.data.resolve()
+    setting = Setting(options.device, options.work.resolve(), options.small, made)
     try:
         resolve_device(setting.real)
     except DataError as e:
@@ -183,11 +209,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not chosen:
         parser.error(f"no row has {' or '.join(options.only)} in its name")
     setting.work.mkdir(parents=True, exist_ok=True)
-    text, failures = heading(setting), 0
-    for line, is_well in all_measured(chosen, setting):
-        text, failures = text + line, failures + (not is_well)
+    lines, failures = dict[str, str](), 0
+    for name, cells, is_well in all_measured(chosen, setting, options.at_once):
+        lines[name], failures = f"| {name} | {cells} |\n", failures + (not is_well)
         with atomic_path(options.output) as temporary:  # what is done is kept if the rest is killed
-            temporary.write_text(text, encoding="utf-8")
+            table = "".join(lines[known] for known in chosen if known in lines)
+            temporary.write_text(heading(setting, options.revision) + table, encoding="utf-8")
     print(f"{options.output}: {failures} of {len(chosen)} rows not as expected")
     return 1 if failures else 0
 

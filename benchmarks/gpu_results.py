@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from filelock import FileLock
 from pycocotools import mask as rle
 
 from nsdr import Answer, DynamicsPrediction, Pipeline, VideoProposals
@@ -54,11 +55,13 @@ class Setting:
         device: of torch, or `SIMULATED`.
         work: folder of the data set and the runs.
         small: few frames, videos and steps.
+        made: folder with the data of `data`, made before; None makes them in `work`.
     """
 
     device: str
     work: Path
     small: bool = False
+    made: Path | None = None
 
     @property
     def real(self) -> str:
@@ -85,14 +88,16 @@ class Setting:
 
     def data(self) -> Path:
         """A generated data set in `set`, and what trainings read of it in `motion`, `frames` and `features`; made once."""
-        folder = self.work / ("small" if self.small else "data")
-        if not (folder / "features").is_dir():
-            root, options = folder / "set", ["--splits", '{"train": 1}', "--videos", 2 if self.small else 8]
-            nsdr("generate", "dataset", "--config", CONFIGS / "generate/preview.yaml", "-o", root, *options)
-            nsdr("data", "motion", root, "--split", "train", "-o", folder / "motion")
-            proposals = ["--proposals", root / "derender_proposals", "--every", 8]
-            nsdr("data", "frames", root / "videos", *proposals, "-o", folder / "frames")
-            nsdr("extract-features", "--from", "truth", "--root", root, "-o", folder / "features")
+        folder = self.made or self.work / ("small" if self.small else "data")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(folder.with_suffix(".lock")):  # rows that are measured at once ask for it
+            if not (folder / "features").is_dir():
+                root, options = folder / "set", ["--splits", '{"train": 1}', "--videos", 2 if self.small else 8]
+                nsdr("generate", "dataset", "--config", CONFIGS / "generate/preview.yaml", "-o", root, *options)
+                nsdr("data", "motion", root, "--split", "train", "-o", folder / "motion")
+                proposals = ["--proposals", root / "derender_proposals", "--every", 8]
+                nsdr("data", "frames", root / "videos", *proposals, "-o", folder / "frames")
+                nsdr("extract-features", "--from", "truth", "--root", root, "-o", folder / "features")
         return folder
 
     def videos(self) -> Split:

@@ -39,7 +39,7 @@ SMALL_LOSS = 0.01
 """Differences of losses below this are relative to it."""
 STEPS = 4
 """Steps of a resumed run, and of two processes."""
-WORKERS = (1, 4, 16)
+WORKERS = 4
 """Worker processes that make batches."""
 RANDPERM = torch.randperm
 
@@ -92,7 +92,7 @@ def task_of(arguments: Sequence[str]) -> tuple[Task, LoopConfig]:
 
 def one_step(setting: Setting, name: str) -> Result:
     """Losses before and after a step in float32, without dropout."""
-    task, loop = task_of(arguments_of(setting, name, setting.work / "step", STEPS))
+    task, loop = task_of(arguments_of(setting, name, setting.work / "step" / name.replace(" ", "_"), STEPS))
     for module in task.model.modules():
         if isinstance(module, nn.Dropout):
             module.p = 0.0
@@ -137,7 +137,7 @@ def losses_in(folder: Path) -> list[float]:
 
 def resumed(setting: Setting, name: str) -> Result:
     """Losses of a run that goes on from the checkpoint in its middle, beside those of the uninterrupted one."""
-    folder = setting.work / "resumed"
+    folder = setting.work / "resumed" / name.replace(" ", "_")
     part, *options = arguments_of(setting, name, folder, STEPS)
     run = import_module(PARTS[part]).main
     run(options)
@@ -199,7 +199,7 @@ class Fed(Task):
 
 def rates(setting: Setting, name: str) -> Result:
     """Milliseconds a step with batches that are ready, made by one thread as `nsdr train` does, and by worker processes."""
-    first, steps = (1, 2) if setting.small else (20, 40)  # the first ones use up what was made before the start
+    first, steps = (1, 2) if setting.small else (10, 30)  # the first ones use up what was made before the start
     arguments, folder = arguments_of(setting, name, setting.work / "data_of_rate", STEPS), setting.work / "rate"
 
     def milliseconds(feed: Callable[[Batches], Iterator[Any]]) -> str:
@@ -214,7 +214,8 @@ def rates(setting: Setting, name: str) -> Result:
         options: dict[str, Any] = {"num_workers": workers, "prefetch_factor": 1, "multiprocessing_context": "fork"}
         return lambda batches: iter(DataLoader(batches, None, sampler=range(first + steps + 2), **options))
 
-    numbers = (1,) if setting.small else WORKERS
+    workers = 1 if setting.small else WORKERS
     ready, thread = milliseconds(lambda b: repeat(b[0])), milliseconds(lambda b: map(b.__getitem__, count()))
-    by = ", ".join(f"{milliseconds(by_processes(workers))} ({workers})" for workers in numbers)
-    return f"{ready} ms a step with batches that are ready; {thread} by one thread, as now; by processes {by}", True
+    by = milliseconds(by_processes(workers))
+    text = f"{ready} ms a step with batches that are ready; {thread} by one thread, as now; {by} by {workers} processes"
+    return text, True

@@ -27,8 +27,8 @@ class PipelineConfig(Settings):
     Attributes:
         stride: the frame parser processes every n-th frame; the tracker bridges the others.
         batch_size: frames per forward pass of the frame parser.
-        precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where the
-            device multiplies matrices of it (AMX, CUDA).
+        precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where a CPU
+            multiplies matrices of it (AMX), else float32.
         video: what is expected of videos, and how many frames of them are processed.
         camera: that took the videos; its images are 480x320.
         tracker: thresholds of the tracker.

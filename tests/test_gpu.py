@@ -28,22 +28,27 @@ def differs(setting: Setting) -> Result:
 
 def test_rows_go_on_after_a_failure_and_the_death_of_their_process(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(
-        gpu, "rows", lambda small: {"a": dies, "b": fails, "c": differs, "d": gpu.results.question_parser}
+        gpu,
+        "rows",
+        lambda small: {"results: a": dies, "b": fails, "results: c": differs, "d": gpu.results.question_parser},
     )
     table = tmp_path / "gpu.md"
-    assert gpu.main(["-o", str(table), "--device", SIMULATED, "--small", "--work", str(tmp_path)]) == 1
+    options = ["--device", SIMULATED, "--small", "--work", str(tmp_path), "--at_once", "2", "--revision", "abc"]
+    assert gpu.main(["-o", str(table), *options]) == 1
+    assert "`make gpu` with `--small` at revision abc, " in table.read_text()
     head, a, b, c, d = table.read_text().splitlines()[-5:]
     assert set(head) == set("|-")
-    assert a.startswith("| a | BrokenProcessPool: ")
+    assert a.startswith("| results: a | BrokenProcessPool: ")
     assert a.endswith(" | **failed** | - | - |")
     assert b == "| b | RuntimeError: CUDA error: an illegal / memory access | **failed** | - | - |"
-    assert c == "| c | 1 of 2 answers differ | **no** | 0 | - |"
+    assert c == "| results: c | 1 of 2 answers differ | **no** | 0 | - |"
     assert d.startswith("| d | 0 of 60 programs differ; probabilities within ")
     assert " | yes | " in d
 
 
 def test_the_exit_status_is_0_where_all_is_as_expected(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(gpu, "all_measured", lambda chosen, setting: iter([("| a | 1 | yes | 0 | - |\n", True)]))
+    monkeypatch.setattr(gpu, "rows", lambda small: {"a": lambda setting: ("1", True)})
+    monkeypatch.setattr(gpu, "all_measured", lambda chosen, setting, at_once: iter([("a", "1 | yes | 0 | -", True)]))
     assert gpu.main(["-o", str(tmp_path / "gpu.md"), "--device", SIMULATED, "--work", str(tmp_path)]) == 0
     assert (tmp_path / "gpu.md").read_text().endswith("|---|---|---|---|---|\n| a | 1 | yes | 0 | - |\n")
 

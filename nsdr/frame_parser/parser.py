@@ -40,8 +40,9 @@ class FrameParser(PretrainedPart[nn.Module]):
         batch_size: frames per forward pass.
         stride: process every n-th frame of 25 per second and the last one; the tracker bridges the others. Frames that a
             slower video shows again are never processed twice.
-        precision: number format of the convolutions, "float32" or "bfloat16"; "auto" is bfloat16 where the device multiplies
-            matrices of it (AMX, CUDA), else float32.
+        precision: number format of the convolutions, "float32" or "bfloat16"; "auto" is bfloat16 where a CPU multiplies
+            matrices of it (AMX), else float32. On CUDA, bfloat16 saves little and changes doubtful detections
+            (`make gpu`).
 
     Raises:
         DataError: `batch_size` or `stride` is less than 1, or `precision` is unknown.
@@ -109,7 +110,8 @@ class FrameParser(PretrainedPart[nn.Module]):
 
     def _detector(self) -> "Detector":
         """The prepared network, made again where the weights, the device or the precision have changed."""
-        precision = resolve_precision(self.precision, self.device)
+        is_float32 = self.precision == "auto" and self.device.type == "cuda"
+        precision = resolve_precision("float32" if is_float32 else self.precision, self.device)
         tensors = chain(self.model.parameters(), self.model.buffers())
         versions = ((t.data_ptr(), 0 if t.is_inference() else t._version) for t in tensors)
         state = (precision, self.model.roi_heads, *versions)

@@ -61,6 +61,19 @@ def resolve_precision(precision: str, device: Any) -> Any:
 
 
 @contextmanager
+def exact_convolutions() -> Iterator[None]:
+    """Within it, convolutions on CUDA are computed in float32, not in TF32, which has 10 bits of a number. Also a decorator."""
+    import torch
+
+    before = torch.backends.cudnn.allow_tf32
+    torch.backends.cudnn.allow_tf32 = False
+    try:
+        yield
+    finally:
+        torch.backends.cudnn.allow_tf32 = before
+
+
+@contextmanager
 def without_compiler() -> Iterator[None]:
     """For the import of torchvision's detectors: RoIAlign loads torch's compiler (1.2 s) to ask whether a device can use it."""
     name = "torch._dynamo.utils"

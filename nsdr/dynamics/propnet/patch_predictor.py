@@ -23,7 +23,7 @@ from nsdr.dynamics.propnet.patches import MAX_VALUE, object_patches, patch_boxes
 from nsdr.dynamics.track_smoothing import rollout_in_image, smooth_tracks, with_smoothed_tracks
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import PretrainedPart
-from nsdr.io.device import limit_threads
+from nsdr.io.device import exact_convolutions, limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
 from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -123,6 +123,7 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
         return known[:, t + self.config.stride_frames * np.arange(self.config.window)]
 
     @torch.no_grad()
+    @exact_convolutions()  # a rollout takes what it predicted as input: in TF32, positions came to differ by 0.01 world units
     def _step(self, window: FloatArray, states: MotionStates, here: BoolArray) -> tuple[FloatArray, FloatArray]:
         """What is seen (C, n, K) a step later, and collision probabilities (C, n, n, window), of several rollouts at once."""
         static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
