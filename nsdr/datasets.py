@@ -19,10 +19,9 @@ from nsdr.generate.manifest import made_with
 from nsdr.generate.render.geometry import Solid, instance_ids, optical_flow
 from nsdr.generate.render.view import view_of
 from nsdr.io.limits import check_limit
-from nsdr.io.video import sample_frames
+from nsdr.io.video import window_frames
 from nsdr.validation import Count, PositiveCount, Settings
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
-from nsdr.world.physics_constants import FPS
 from nsdr.world.shapes import rendered_rotation
 from nsdr.world.vocabulary import ATTRIBUTES
 
@@ -88,8 +87,9 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
       the last frame of a released video, after which nothing is known
     - `frames` (T,) int64, numbers of the frames; `scene_index` int64
 
-    Generated data sets give all of it from their truth files; the release's `train` and `validation` from its annotations,
-    without its three videos of other lengths (`nsdr.clevrer.IRREGULAR_VIDEOS`).
+    Generated data sets, and those without an object in their `counterfactual/`, give all of it from their truth files; the
+    release's `train` and `validation` from its annotations, without its three videos of other lengths
+    (`nsdr.clevrer.IRREGULAR_VIDEOS`).
 
         >>> data = VideoDataset("data", "train", length=16, step=2, image_size=(64, 96))
         >>> batch = next(iter(torch.utils.data.DataLoader(data, batch_size=8, shuffle=True, num_workers=4)))
@@ -132,6 +132,11 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
             raise DataError("image_size: masks and flow without images need a size")
         self._root, self._split = Path(root), CLEVRER(root).split(split)
         manifest = CLEVRER(root).manifest
+        if manifest is None and (self._root / "truth").is_dir():
+            raise DataError(
+                f"{root}: has no manifest.json, which says by what camera its videos were taken; copy it from the data set "
+                "that they belong to"
+            )
         self._render = None if manifest is None else made_with(manifest, self._root)[1]
         self.image_size, self.images, self.masks, self.flow = image_size, images, masks, flow
         self.max_objects, self.step = max_objects, step
@@ -212,10 +217,11 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
 
     def _images(self, video: int, frames: NDArray[np.int64]) -> list[NDArray[np.uint8]]:
         path = self._split.video(video)
-        decoded = sample_frames(path, (int(frames[-1]) + 1) / FPS, 1).frames
-        if len(decoded) <= frames[-1]:
-            raise DataError(f"{path}: has {len(decoded)} frames; expected {self._split.n_frames}")
-        return list(decoded[frames])
+        start, stop = int(frames[0]), int(frames[-1]) + 1
+        decoded = window_frames(path, start, stop)
+        if len(decoded) < stop - start:
+            raise DataError(f"{path}: has {start + len(decoded)} frames; expected {self._split.n_frames}")
+        return [decoded[frame - start] for frame in frames]
 
     def _pixels(self, truth: _Truth, frames: NDArray[np.int64], size: tuple[int, int]) -> dict[str, Any]:
         """Masks and flow, cast at the release's aspect ratio and scaled to the size wanted."""

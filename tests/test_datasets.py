@@ -1,8 +1,10 @@
 """Clips with the truth about every frame: `nsdr.datasets`."""
 
 import json
+import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -18,6 +20,7 @@ from nsdr.generate.render.geometry import Solid, instance_ids, optical_flow
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import write_json
+from nsdr.io.video import sample_frames, window_frames, write_video
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 
 SUITES = sorted((Path(__file__).parent.parent / "configs" / "generate" / "suites").glob("*.yaml"))
@@ -28,11 +31,8 @@ def root(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("set")
     scene = SceneConfig(objects={3: 1.0}, n_frames=40)
     render = RenderConfig(width=120, height=80, camera_jitter=0.3)
-    generate_dataset(
-        DatasetConfig(
-            str(folder), 3, first_scene=500300, scene=scene, render=render, questions=None, masks=False, workers=1
-        )
-    )
+    common = {"first_scene": 500300, "scene": scene, "render": render, "masks": False, "workers": 1}
+    generate_dataset(DatasetConfig(str(folder), 3, questions=None, counterfactual_videos=1, **common))
     return folder
 
 
@@ -82,6 +82,40 @@ def test_masks_are_where_the_objects_are(root) -> None:
     seen = [r for r in range(3) if item["visible"][20, r]]
     assert set(item["masks"][20].unique().tolist()) <= {0, *(r + 1 for r in seen)}
     assert moved[on_objects].mean() > 3 * moved[~on_objects].mean()
+
+
+def test_worlds_without_an_object_have_the_camera_of_their_scene(root) -> None:
+    world = root / "counterfactual" / "1"
+    assert CLEVRER(world).split("train").n_frames == 40
+    without, whole = (VideoDataset(folder, "train", image_size=(80, 120))[0] for folder in (world, root))
+    truth = json.loads((world / "truth" / "train" / "truth_00000.json").read_text())
+    kept = [i for i in range(3) if i != truth["removed"]]
+    as_before = (without["states"][:, :2] == whole["states"][:, kept]).all((1, 2))
+    pixels = 0
+    for row, i in enumerate(kept):
+        here, there = (item["masks"][as_before] == n for item, n in ((whole, i + 1), (without, row + 1)))
+        assert (here <= there).all()  # what the removed object hid is seen
+        pixels += int(here.sum())
+    assert pixels > 100
+    assert without["present"].sum() == 2
+
+
+def test_truth_without_its_manifest_is_refused(root, tmp_path) -> None:
+    shutil.copytree(root / "counterfactual" / "1", tmp_path / "1", ignore=shutil.ignore_patterns("manifest.json"))
+    with pytest.raises(DataError, match=r"has no manifest\.json"):
+        VideoDataset(tmp_path / "1", "train")
+
+
+@pytest.mark.parametrize("fps", [25, 50])
+def test_a_late_window_shows_what_the_whole_video_does(tmp_path, fps: int) -> None:
+    rng = np.random.default_rng(0)
+    frames = [cv2.resize(rng.integers(0, 255, (8, 12, 3), np.uint8), (120, 80)) for _ in range(60)]
+    write_video(tmp_path / "v.mp4", iter(frames), fps)
+    whole = sample_frames(tmp_path / "v.mp4", 60 / fps, 1).frames
+    assert len(whole) == 60 * 25 / fps
+    for start, stop in ((0, 3), (7, 8), (20, 28)):
+        np.testing.assert_array_equal(window_frames(tmp_path / "v.mp4", start, stop), whole[start:stop])
+    assert len(window_frames(tmp_path / "v.mp4", len(whole) - 2, len(whole) + 4)) == 2
 
 
 def test_flow_follows_the_surface() -> None:

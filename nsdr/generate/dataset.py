@@ -153,13 +153,18 @@ class Files:
     """
 
     def __init__(self, root: str | Path, split: str, index: int, world: int = 0) -> None:
-        root = Path(root) / "counterfactual" / str(world) if world else Path(root)
+        root = self.root_of(Path(root), world)
         self.video = root / "videos" / split / sub_folder("video", index) / f"video_{index:05d}.mp4"
         self.annotation = (
             root / "annotations" / split / sub_folder("annotation", index) / f"annotation_{index:05d}.json"
         )
         self.proposals = root / "derender_proposals" / f"proposal_{index:05d}.json"
         self.truth = root / "truth" / split / f"truth_{index:05d}.json"
+
+    @staticmethod
+    def root_of(root: Path, world: int) -> Path:
+        """The folder of the data set itself, or of one of its worlds without an object."""
+        return root / "counterfactual" / str(world) if world else root
 
 
 def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
@@ -179,13 +184,14 @@ def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
     check_installed("pybullet", "simulating needs PyBullet", "generate")
     root = Path(config.output)
     with locked(root):
-        _write_manifest(config, root / "manifest.json")
+        _write_manifests(config, root)
         _generate(config, root, keep_going)
     return root
 
 
-def _write_manifest(config: DatasetConfig, path: Path) -> None:
-    manifest = _manifest(config)
+def _write_manifests(config: DatasetConfig, root: Path) -> None:
+    """That of the data set, and those of its worlds without an object, about which no questions are asked."""
+    manifest, path = _manifest(config), root / "manifest.json"
     if path.exists():
         existing = read_json(path, dict[str, Any]).get("config")
         existing = convert(existing, dict[str, Any], f"{path}: config: ")
@@ -194,6 +200,9 @@ def _write_manifest(config: DatasetConfig, path: Path) -> None:
         if changed:
             raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")
     write_json(path, manifest, indent=1)
+    manifest["kinds"] = [kind for kind in manifest["kinds"] if kind != "questions"]
+    for world in range(1, config.counterfactual_videos + 1):
+        write_json(Files.root_of(root, world) / "manifest.json", manifest, indent=1)
 
 
 def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:

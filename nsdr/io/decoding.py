@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -143,6 +144,24 @@ def _at_times(frames: TimedFrames, rate: float, note: Note) -> TimedFrames:
             noted = True
         before = shown
         yield time, frame
+
+
+def read_window(path: Path, start: int, stop: int) -> list[NDArray[np.uint8]]:
+    """Frames `start` to `stop - 1` (height, width, 3) uint8 RGB of a video file, numbered as they are stored.
+
+    Decoding begins at the last keyframe before them. The list is shorter where the video ends before `stop`.
+
+    Raises:
+        VideoError: the file cannot be read.
+    """
+    check_is_video(path)
+    with _captured(path) as capture:
+        capture.set(cv2.CAP_PROP_POS_FRAMES, start)
+        if capture.get(cv2.CAP_PROP_POS_FRAMES) != start:  # the file does not say where its frames are
+            capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
+            for _ in range(start):
+                capture.grab()
+        return [frame for _, frame in islice(_decoded(capture, path), stop - start)]
 
 
 def find_videos(folder: str | Path) -> list[Path]:

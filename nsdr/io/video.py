@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import repeat
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError, VideoError
-from nsdr.io.decoding import RATE_TOLERANCE, TimedFrames, opened, undecodable
+from nsdr.io.decoding import RATE_TOLERANCE, TimedFrames, opened, read_window, undecodable
 from nsdr.io.files import atomic_path, check_installed
 from nsdr.io.limits import check_limit, limits
 from nsdr.io.notes import Note, as_warnings, unsaid
@@ -139,6 +139,20 @@ def sample_frames(path: str | Path, seconds: float, spacing: int, fps: float = 0
         if not frames:
             raise undecodable(path)
     return VideoSample(np.stack([frame for frame in frames if frame.shape == frames[0].shape]), size)
+
+
+def window_frames(path: Path, start: int, stop: int) -> Sequence[NDArray[np.uint8]]:
+    """Frames `start` to `stop - 1` of a video at 25 frames a second, (height, width, 3) uint8 RGB, at most 480x320.
+
+    A video of that rate is decoded from the last keyframe before them, one of another rate from its beginning. There are fewer
+    frames where the video ends before `stop`. Warns of nothing.
+
+    Raises:
+        VideoError: as of `read_video`.
+    """
+    if abs(frame_rate(path) - FPS) > RATE_TOLERANCE:
+        return list(sample_frames(path, stop / FPS, 1).frames[start:stop])
+    return [_scaled(frame, most=1.0) for frame in read_window(path, start, stop)]
 
 
 def video_seconds(path: str | Path, fps: float = 0.0) -> float:

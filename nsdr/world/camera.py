@@ -88,8 +88,10 @@ class Camera:
     @property
     def far_row_px(self) -> float:
         """The image row, below the horizon, at which centres of objects on the ground are `FAR_WORLD` deep."""
-        (_, down, forward), above = self.axes[:, 2], self.eye_world[2] - OBJECT_RADIUS_WORLD
-        return float(self.height / 2 - self.focal_px * (above / FAR_WORLD + forward) / down)
+        (x, y, z), (to_x, to_y, to_z) = self.eye_world, self.target_world
+        aside, above = math.hypot(to_x - x, to_y - y), z - OBJECT_RADIUS_WORLD
+        tilt = math.atan2(to_z - z, aside)  # upwards
+        return self.height / 2 + self.focal_px * (above / FAR_WORLD + math.sin(tilt)) / math.cos(tilt)
 
     @cached_property
     def matrix(self) -> FloatArray:
