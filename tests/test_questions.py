@@ -7,6 +7,7 @@ import re
 import warnings
 from collections import Counter
 
+import numpy as np
 import pytest
 
 from nsdr import DataError, Event, Executor, Scene, SceneObject
@@ -157,10 +158,17 @@ def test_descriptions_are_unique_and_vary(small_scene) -> None:
     assert any(d.answer == "0" for d in counted)
 
 
+@pytest.mark.parametrize("missing", [0, 1])
+def test_scenes_with_objects_of_most_classes_get_questions_too(missing: int) -> None:
+    """24 objects leave no class by one or two words without an object, 23 leave one."""
+    kinds = [(c, MATERIALS[(i + j) % 2], s) for i, c in enumerate(COLORS) for j, s in enumerate(SHAPES)]
+    objects = tuple(SceneObject(i, *kind) for i, kind in enumerate(kinds[missing:]))
+    scene = Scene(objects, 2, np.ones((len(objects), 2), bool), None, ())
+    assert {d.subtype for d in descriptive_questions(scene, random.Random(0))} >= {"count", "exist"}
+
+
 def many_scenes(n: int) -> list[tuple[int, str, Scene]]:
     """Random scenes with complete ground truth, made without simulation."""
-    import numpy as np
-
     rng = random.Random(5)
     result = []
     for number in range(n):

@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import cache
-from itertools import combinations
+from itertools import combinations, product
 
 from msgspec.structs import replace
 
@@ -33,7 +33,8 @@ DESCRIPTION_WEIGHTS = {
 }
 """Relative frequency of each set of attributes in descriptions of a single object; close to the released questions."""
 ABSENT_CLASSES = 4
-"""Number of classes without objects that each scene's questions mention ("Are there any green cubes that …?")."""
+"""Number of classes without objects that each scene's questions mention ("Are there any green cubes that …?"), fewer where
+there are objects of most classes."""
 PLAIN_TRIES = 10
 """Questions that are drawn for each that is wanted, of which many have no answer, or a frequent one."""
 PLAIN_SAME_ANSWER = 0.25
@@ -74,9 +75,9 @@ class SceneWords:
             [words for words, found in matches.items() if found == [i]] for i in range(len(triples))
         ]
         absent: set[tuple[str, ...]] = set()
-        while len(absent) < ABSENT_CLASSES:
-            drawn = [rng.choice(known) for known in ATTRIBUTES.values()]
-            words = rng.choice([words for size in (1, 2) for words in combinations(drawn, size)])
+        possible = {words for triple in product(*ATTRIBUTES.values()) for words in _classes(triple)} - matches.keys()
+        while len(absent) < min(ABSENT_CLASSES, len(possible)):
+            words = rng.choice(_classes([rng.choice(known) for known in ATTRIBUTES.values()]))
             if words not in matches:
                 absent.add(words)
         small = {words: len(found) for words, found in matches.items() if len(words) < 3}
@@ -95,6 +96,11 @@ class SceneWords:
             return ()
         classes = self.counted if use == "counted" else self.shared
         return choose.pick([words for words in classes if without not in _attributes(words)])
+
+
+def _classes(triple: Sequence[str]) -> list[tuple[str, ...]]:
+    """The classes by one or two of an object's words."""
+    return [words for size in (1, 2) for words in combinations(triple, size)]
 
 
 @cache
