@@ -9,11 +9,11 @@ import re
 import string
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from importlib.resources import files
+from functools import lru_cache
 
 from nsdr.language.slots import CATEGORY, Slot, in_order
 from nsdr.language.texts import english
+from nsdr.language.words import replacements, rewritten, rewritten_words, word_lists
 from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, NOUNS
 
 MIN_CORRECTED_LETTERS = 4
@@ -25,49 +25,7 @@ _BREAKS = frozenset(",.;:")
 _ORDERS = ("first", "second", "last")
 
 
-@cache
-def replacements(name: str) -> tuple[tuple[re.Pattern[str], str], ...]:
-    """(pattern, replacement) of the file `NAME.txt`, in its order; see the head of phrases.txt for the notation."""
-    names: dict[str, str] = {}
-    found = []
-    for line in _lines(name):
-        if line.startswith("<") and " = " in line:
-            key, _, value = line.partition(" = ")
-            names[key] = value
-            continue
-        pattern, arrow, replacement = line.partition(" =>")
-        assert arrow, f"{name}.txt: no replacement: {line}"
-        for key in reversed(names):
-            pattern = pattern.replace(key, names[key])
-        found.append((re.compile(pattern), f" {replacement.strip()} "))
-    return tuple(found)
-
-
-def _lines(name: str) -> list[str]:
-    text = files("nsdr.language").joinpath(f"{name}.txt").read_text("utf-8")
-    return [line for line in text.splitlines() if line and not line.startswith("#")]
-
-
-def rewritten(text: str, name: str) -> str:
-    """A text with the replacements of the file `NAME.txt`."""
-    for pattern, replacement in replacements(name):
-        changed = pattern.sub(replacement, text)
-        if changed != text:
-            text = " ".join(changed.split())
-    return text
-
-
-def _word_lists(name: str) -> dict[str, list[str]]:
-    """The words of each head of the file `NAME.txt`."""
-    found: dict[str, list[str]] = {}
-    for line in _lines(name):
-        if not line.startswith(" "):
-            head, _, line = line.partition(":")
-        found[head] = [*found.get(head, []), *line.split()]
-    return found
-
-
-_LEXICON, _MEANINGS = _word_lists("lexicon"), _word_lists("meanings")
+_LEXICON, _MEANINGS = word_lists("lexicon"), word_lists("meanings")
 QUESTION_STARTS = frozenset(_LEXICON.pop("QUESTION"))
 CLAUSE_STARTS = frozenset(_LEXICON.pop("CLAUSE"))
 _SHORT = frozenset(_LEXICON.pop("SHORT"))
@@ -91,11 +49,13 @@ class Normal:
         words: words and noun phrases in order.
         corrections: misspelt words with what they were read as.
         left_out: unknown words that were ignored.
+        is_hedged: whether hedges ("probably") were left out.
     """
 
     words: tuple[str | Slot, ...]
     corrections: tuple[tuple[str, str], ...] = ()
     left_out: tuple[str, ...] = ()
+    is_hedged: bool = False
 
     @property
     def text(self) -> str:
@@ -116,22 +76,15 @@ def normal_form(text: str, keep_unknown: bool = False) -> Normal:
         text: English text.
         keep_unknown: leave unknown words as they are; they are corrected or left out otherwise.
     """
-    words, corrections, left_out = _known_words(text, keep_unknown)
-    parts = _in_order(_with_noun_phrases(words))
-    slots = iter([part for part in parts if isinstance(part, Slot)])
-    forms = frozenset(("N", "NS", "O", "OS", "A"))
-    found = _phrases_rewritten(" ".join(part if isinstance(part, str) else part.form for part in parts))
-    return Normal(tuple(next(slots) if word in forms else word for word in found), corrections, left_out)
-
-
-@lru_cache(maxsize=1 << 15)
-def _phrases_rewritten(text: str) -> tuple[str, ...]:
-    return tuple(rewritten(text, "phrases").split())
+    spelt = rewritten(re.sub("[\u2018\u2019`]", "'", text.lower()), "spellings")
+    unhedged = rewritten(spelt, "hedges")
+    words, corrections, left_out = _known_words(unhedged, keep_unknown)
+    found = rewritten_words(_in_order(_with_noun_phrases(words)), "phrases")
+    return Normal(tuple(found), corrections, left_out, unhedged != spelt)
 
 
 def _known_words(text: str, keep_unknown: bool) -> tuple[list[str], tuple[tuple[str, str], ...], tuple[str, ...]]:
     """Normal forms of the words, the corrected words, and those that are left out."""
-    text = rewritten(re.sub("[\u2018\u2019`]", "'", text.lower()), "spellings")
     words: list[str] = []
     corrections: list[tuple[str, str]] = []
     left_out: list[str] = []
@@ -320,8 +273,8 @@ def _question_start(parts: Sequence[str | Slot]) -> int:
 
 def _words_of_patterns() -> set[str]:
     found: set[str] = set()
-    for pattern, _ in replacements("phrases"):
-        found.update(re.findall(r"(?<![\\A-Za-z])[a-z]+", re.sub(r"\\[a-zA-Z]", " ", pattern.pattern)))
+    for line in replacements("phrases"):
+        found.update(re.findall(r"(?<![\\A-Za-z])[a-z]+", re.sub(r"\\[a-zA-Z]", " ", line.pattern.pattern)))
     return found
 
 

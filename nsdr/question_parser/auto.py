@@ -1,5 +1,6 @@
 """The default parser: rules, then what a text mentions, then a second parser, whose programs are checked."""
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property, partial
 from itertools import pairwise
@@ -9,9 +10,9 @@ from typing import Any, Self
 from nsdr.errors import NsdrError, ProgramError
 from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.device import resolve_device
-from nsdr.language.normal import AMBIGUOUS, FUNCTION_WORDS, MEANINGS, normal_form
+from nsdr.language.normal import AMBIGUOUS, CLAUSE_STARTS, FUNCTION_WORDS, MEANINGS, QUESTION_STARTS, normal_form
 from nsdr.language.slots import Slot
-from nsdr.language.texts import in_words
+from nsdr.language.texts import in_words, kind_of
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.contents import ASKED, content_readings
 from nsdr.question_parser.grammar import GrammarParser, NoReadingError
@@ -20,6 +21,14 @@ from nsdr.symbolic.program import Program
 
 ANY_OBJECT = Slot("O", ())
 """The noun phrase "object", which programs in words have where a text says "what"."""
+_UNREAD = re.compile(
+    r"^(?:be|do|have|will|can) not\b|\b(?:you|i|we|they) (?:do|think|say)\b|\bhave to\b|\bthe (?:NS|OS) not\b"
+)
+"""Normal forms of texts that expect an answer, ask what somebody does, or what has to be: "Doesn't it move?"."""
+_TAG = re.compile(
+    r", *(?:do|does|did|is|are|was|were|has|have|had|will|would|right|no)(?:n't| not)?(?: (?:it|they|there))?\W*$"
+)
+"""Of texts such as "It moves, doesn't it?"."""
 
 
 def says_the_same(text: str, program: Program) -> bool:
@@ -34,7 +43,12 @@ def says_the_same(text: str, program: Program) -> bool:
         said = in_words(program)
     except ProgramError:
         return False
-    words, expected = normal_form(text).words, normal_form(said).words
+    normal = normal_form(text)
+    if _TAG.search(text.lower()) or _UNREAD.search(" ".join(normal.forms)):
+        return False
+    if kind_of(program) == "choice" and normal.forms[0] in QUESTION_STARTS | CLAUSE_STARTS:
+        return False
+    words, expected = normal.words, normal_form(said).words
     is_known = all(isinstance(word, Slot) or word in MEANINGS or word in FUNCTION_WORDS for word in words)
     is_named = ANY_OBJECT in expected or ANY_OBJECT not in words
     return is_known and is_named and _meanings(words) == _meanings(expected)

@@ -8,9 +8,10 @@ program. So every word counts but function words; how they are arranged does not
 import re
 from collections.abc import Sequence
 
-from nsdr.language.normal import AMBIGUOUS, FUNCTION_WORDS, MEANINGS, normal_form, rewritten
+from nsdr.language.normal import AMBIGUOUS, FUNCTION_WORDS, MEANINGS, normal_form
 from nsdr.language.rules import Rules, load_rules
 from nsdr.language.slots import Slot
+from nsdr.language.words import rewritten_words
 from nsdr.question_parser.tokenizer import split_words
 
 SYMBOLS = {"descriptive": "CONTENTS", "multiple_choice": "WHICH"}
@@ -28,7 +29,7 @@ _MALFORMED = re.compile(
     r"|(?<!how )\bmany\b|\bmany (?!(?:moving |stationary )?(?:NS|OS|collisions?)\b)"
     r"|(?<!^)(?<!what )(?<!the )(?<!its )(?<!'s )\b(?:color|shape)\b"
     r"|\bhappen .*\bhappen\b|^(?:be|do|have|can)\b.*\bthe (?:moving |stationary )?(?:NS|OS)\b"
-    r"|\bnot (?!(?:happen|happening|cause)\b)"
+    r"|\b(?:not|no) (?!(?:happen|happening|cause)\b)|\b(?:NS|OS) and (?:the )?(?:N|O|NS|OS)\b"
     r"|\bcaused\b|\bwhy\b|(?<!what )(?<!who )(?<!not )(?<!what be the )(?<!who be the )(?<!not the )(?<!not a )\bcause\b"
     r"|\bcause\b.*\b(?:a|any|another) [NO]\b"
     r"|\b(?:[NO]|enter|entering|exit|exiting|collision|hit|hitting)\b.*\bnot cause\b"
@@ -48,9 +49,8 @@ def content_readings(text: str, kind: str) -> list[list[str]]:
     if kind not in SYMBOLS or AMBIGUOUS.intersection(split_words(text)):
         return []
     normal = normal_form(text)
-    slots = iter([word for word in normal.words if isinstance(word, Slot)])
-    forms = rewritten(" ".join(normal.forms), "contents").split()
-    words = [next(slots) if form.isupper() else form for form in forms]
+    words = rewritten_words(normal.words, "contents")
+    forms = [word if isinstance(word, str) else word.form for word in words]
     rules = load_rules("nsdr.language", "read_english", "read_contents")
     start, end = _clause_of_time(rules, words)
     if _MALFORMED.search(" ".join([*forms[:start], *forms[end:]])):

@@ -9,9 +9,10 @@ from collections.abc import Mapping, Sequence
 
 from nsdr.errors import NsdrError, ProgramError, QuestionError
 from nsdr.io.limits import check_limit
-from nsdr.language.normal import normal_form, rewritten
+from nsdr.language.normal import normal_form
 from nsdr.language.rules import load_rules
 from nsdr.language.texts import START_SYMBOLS, TEXT_KINDS, english, in_words
+from nsdr.language.words import rewritten
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program
@@ -62,12 +63,16 @@ class GrammarParser(Parser):
             normal = normal_form(text)
             if normal.left_out:
                 raise NoReadingError(f"unknown word {normal.left_out[0]!r}: {_refusal(text, kind)}")
+            if normal.is_hedged and kind == "choice":
+                raise QuestionError(f"{text!r}: an option says what happens, not what may happen; {REMEDY}")
             notes += [f"read {word!r} as {known!r}" for word, known in normal.corrections]
             programs = readings(text, kind)
         if len(programs) > 1:
             texts = " or as ".join(repr(_said(program)) for program in programs)
             raise QuestionError(f"{text!r} can be read as {texts}; {REMEDY}")
         if programs:
+            if normal_form(text).is_hedged:
+                notes.append(f"understood as {_said(programs[0])!r}")
             return Program.parse(programs[0]).with_notes(*notes)
         if any(readings(text, other) for other in TEXT_KINDS):
             raise another_kind(text, kind)

@@ -1,0 +1,137 @@
+"""The word files: lists of words, and replacements that stand one after the other, each with the sentence that it is for.
+
+A line of a file of replacements is `pattern => replacement`; `<name>` in a pattern stands for what a line `<name> = ...` says.
+The indented line below it, `text -> result`, is the sentence that the line is for, and what becomes of it. A list of words is
+`head: word word ...`, continued on indented lines. Lines that start with # are comments.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from importlib.resources import files
+
+from nsdr.errors import DataError
+from nsdr.language.slots import Slot
+
+_SLOT = re.compile(r"\b(?:N|NS|O|OS|A)\b")
+_GROUP = re.compile(r"\\(\d)")
+
+
+@dataclass(frozen=True)
+class Replacement:
+    """A line of a file of replacements.
+
+    Attributes:
+        pattern: what is replaced.
+        template: what stands for it, with `\\1` for the first group of the pattern.
+        text, result: the sentence that the line is for, and what becomes of it.
+    """
+
+    pattern: re.Pattern[str]
+    template: str
+    text: str
+    result: str
+
+
+def read_replacements(content: str, name: str) -> tuple[Replacement, ...]:
+    """The replacements of a file's content, in its order.
+
+    Raises:
+        DataError: a line has no replacement or no sentence, or a pattern stands twice; names the file and the line.
+    """
+    names: dict[str, str] = {}
+    found: dict[str, Replacement] = {}
+    lines = _lines(content)
+    while lines:
+        line = lines.pop(0)
+        if line.startswith("<") and " = " in line:
+            key, _, value = line.partition(" = ")
+            names[key] = value
+            continue
+        pattern, arrow, template = line.partition(" =>")
+        text, _, result = (lines.pop(0) if lines and lines[0].startswith(" ") else "").partition("->")
+        if not arrow:
+            raise DataError(f"{name}.txt: {line!r} has no {'sentence' if arrow else 'replacement'}; write it below it")
+        for key in reversed(names):
+            pattern = pattern.replace(key, names[key])
+        if pattern in found:
+            raise DataError(f"{name}.txt: {line!r} stands twice; remove one of the lines")
+        found[pattern] = Replacement(re.compile(pattern), f" {template.strip()} ", text.strip(), result.strip())
+    return tuple(found.values())
+
+
+def read_word_lists(content: str, name: str) -> dict[str, list[str]]:
+    """The words of each head of a file's content.
+
+    Raises:
+        DataError: a word stands twice below a head in capitals, or below two others; names the file and the word.
+    """
+    found: dict[str, list[str]] = {}
+    heads: dict[tuple[str, str], str] = {}
+    for line in _lines(content):
+        if not line.startswith(" "):
+            head, _, line = line.partition(":")
+        for word in line.split():
+            other = heads.setdefault((head if head.isupper() else "", word), head)
+            if other != head or word in found.get(head, []):
+                raise DataError(f"{name}.txt: {word!r} stands under {other!r} and {head!r}; remove one of them")
+            found.setdefault(head, []).append(word)
+    return found
+
+
+def _lines(content: str) -> list[str]:
+    return [line for line in content.splitlines() if line and not line.startswith("#")]
+
+
+def _content(name: str) -> str:
+    return files("nsdr.language").joinpath(f"{name}.txt").read_text("utf-8")
+
+
+@cache
+def replacements(name: str) -> tuple[Replacement, ...]:
+    """The replacements of the file `NAME.txt`."""
+    return read_replacements(_content(name), name)
+
+
+def word_lists(name: str) -> dict[str, list[str]]:
+    """The word lists of the file `NAME.txt`."""
+    return read_word_lists(_content(name), name)
+
+
+def rewritten(text: str, name: str) -> str:
+    """A text with the replacements of the file `NAME.txt`."""
+    for line in replacements(name):
+        changed = line.pattern.sub(line.template, text)
+        if changed != text:
+            text = " ".join(changed.split())
+    return text
+
+
+def rewritten_words(words: Sequence[str | Slot], name: str) -> list[str | Slot]:
+    """Words with the replacements of the file `NAME.txt`; noun phrases go where the replacements put them."""
+    slots = [word for word in words if isinstance(word, Slot)]
+    found, order = _rewritten_forms(" ".join(word if isinstance(word, str) else word.form for word in words), name)
+    numbers = iter(order)
+    return [slots[next(numbers)] if _SLOT.fullmatch(word) else word for word in found]
+
+
+@lru_cache(maxsize=1 << 15)
+def _rewritten_forms(text: str, name: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """The words of a text of forms after all replacements, and which of its noun phrases each remaining one is."""
+    order = list(range(_slots_in(text)))
+    for line in replacements(name):
+        for match in reversed(list(line.pattern.finditer(text))):
+            start, end = match.span()
+            kept: list[int] = []
+            for group in _GROUP.findall(line.template):
+                first, last = match.span(int(group))
+                kept += order[_slots_in(text[:first]) : _slots_in(text[:last])] if first >= 0 else []
+            order[_slots_in(text[:start]) : _slots_in(text[:end])] = kept
+            text = text[:start] + match.expand(line.template) + text[end:]
+        text = " ".join(text.split())
+    return tuple(text.split()), tuple(order)
+
+
+def _slots_in(text: str) -> int:
+    return len(_SLOT.findall(text))

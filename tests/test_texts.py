@@ -1,0 +1,51 @@
+"""Texts of many kinds, read or refused by the default parser: none is read as something else than it says."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from nsdr import AutoParser, Program
+from nsdr.language.texts import TEXT_KINDS
+
+KINDS = sorted(path.stem for path in (Path(__file__).parent / "texts").glob("*.txt"))
+
+
+@pytest.fixture(scope="module")
+def parser() -> AutoParser:
+    return AutoParser.from_pretrained(device="cpu")
+
+
+def texts(name: str) -> Iterator[tuple[str, str]]:
+    """Texts of a file, each with a sentence that says the same, or "" if it must be refused."""
+    for line in (Path(__file__).parent / "texts" / f"{name}.txt").read_text().splitlines():
+        if line and not line.startswith("#"):
+            text, _, plain = line.partition(" => ")
+            yield text, plain
+
+
+def programs(parser: AutoParser, text: str) -> dict[str, str]:
+    """The programs of a text by kind of text."""
+    found = {kind: parser.parse_batch([text], kind)[0] for kind in TEXT_KINDS}
+    return {kind: str(program) for kind, program in found.items() if isinstance(program, Program)}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_texts_are_read_as_what_they_say_or_refused(parser: AutoParser, name: str) -> None:
+    rows = list(texts(name))
+    found = {text: programs(parser, text) for text, _ in rows}
+    expected = {text: programs(parser, plain) if plain else {} for text, plain in rows}
+    assert all(expected[text] for text, plain in rows if plain)
+    assert found == expected
+
+
+def test_a_hedge_is_left_out_and_said(parser: AutoParser) -> None:
+    hedged = [
+        ("What will probably happen next?", "multiple_choice"),
+        ("What might not happen without the red cube?", "multiple_choice"),
+        ("What can happen next?", "descriptive"),
+        ("How many cubes do you think are moving?", "descriptive"),
+    ]
+    for text, kind in hedged:
+        found = parser.parse(text, kind)
+        assert any("understood as" in note for note in found.notes)
