@@ -169,6 +169,9 @@ def test_parse_question(capsys) -> None:
     code, out, _ = run(capsys, "parse-question", "What will happen without the red cube?")
     assert code == 0
     assert out.strip() == "all_events objects red filter_color cube filter_shape unique get_counterfact belong_to"
+    assert run(capsys, "parse-question", "What will happen next?")[1] == "unseen_events belong_to\n"
+    _, _, error = run(capsys, "parse-question", "What will happen if the cube and the sphere are removed?")
+    assert "without the cube" in error.lower() or "the cube is removed" in error
 
 
 def test_evaluate_prints_the_table_and_writes_results(capsys, tmp_path) -> None:

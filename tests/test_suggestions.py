@@ -6,7 +6,7 @@ from nsdr import Executor, QuestionError, Scene
 from nsdr.errors import EndpointError
 from nsdr.pipeline import Pipeline
 from nsdr.question_parser.grammar import GrammarParser
-from nsdr.question_parser.suggestions import nearest_questions
+from nsdr.question_parser.suggestions import QUESTION_KINDS, nearest_questions
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +31,28 @@ def test_nearest_without_a_scene(text: str, kind: str, nearest: str) -> None:
     assert found == nearest_questions(text, None, kind)
 
 
+@pytest.mark.parametrize(
+    ("text", "kind", "nearest"),
+    [
+        ("What will happen if the red cube and the blue sphere are removed?", "multiple_choice", "the red cube"),
+        ("Which events would occur if the ball were pushed?", "multiple_choice", "the sphere"),
+        ("What is the reason that the red cube and the green ball did not crash?", "multiple_choice", "responsible"),
+        ("How many of the cubes are stacked?", "descriptive", "How many cubes"),
+    ],
+)
+def test_the_nearest_questions_are_of_the_kind_that_fits_best(parser: GrammarParser, text, kind, nearest) -> None:
+    found = nearest_questions(text, None, *QUESTION_KINDS)[0]
+    assert parser.parse(found, kind)
+    assert nearest in found
+    assert ("without" in found.lower() or "removed" in found) == (" if " in text)
+
+
+def test_a_side_that_is_asked_for_may_be_the_other_one() -> None:
+    found = nearest_questions("After how many collisions does the blue sphere leave?", None, "descriptive")
+    for side in ("before", "after"):
+        assert f"How many collisions happen {side} the blue sphere exits the scene?" in found
+
+
 @pytest.mark.parametrize("kind", ["descriptive", "multiple_choice", "choice"])
 @pytest.mark.parametrize("text", ["Which yellow sphere is faster?", "the red cube hits the green one", "", "zork"])
 def test_suggestions_can_be_parsed_and_fit_the_scene(small_scene: Scene, parser: GrammarParser, text, kind) -> None:
@@ -49,7 +71,7 @@ def test_suggestions_can_be_parsed_and_fit_the_scene(small_scene: Scene, parser:
 
 def test_an_empty_scene_has_no_suggestions_about_objects(small_scene: Scene) -> None:
     empty = Scene((), 128, small_scene.visible[:0], small_scene.visible[:0], ())
-    assert nearest_questions("How many zebras?", empty) == []
+    assert nearest_questions("How many zebras?", empty, "descriptive") == []
 
 
 def test_a_pipeline_names_the_nearest_questions(small_scene: Scene, parser: GrammarParser) -> None:

@@ -121,12 +121,12 @@ def parse_question(options: Any) -> int:
     if not options.text.strip():
         raise QuestionError("the text is empty")
 
-    from nsdr.question_parser.suggestions import suggestion
+    from nsdr.question_parser.suggestions import QUESTION_KINDS, suggestion
 
     if options.parser:
         refuse_idle(options, ("checkpoint", "device"), " with --parser")
     parser = question_parser(options)
-    kinds = ["descriptive", "multiple_choice", "choice"] if options.kind == "auto" else [options.kind]
+    kinds = ["multiple_choice", "descriptive", "choice"] if options.kind == "auto" else [options.kind]
     errors = []
     for kind in kinds:
         try:
@@ -138,8 +138,9 @@ def parse_question(options: Any) -> int:
             raise
         except QuestionError as e:
             errors.append(e)
+    suggested = QUESTION_KINDS if options.kind == "auto" else [options.kind]
     longest = max(errors, key=lambda e: len(str(e)))  # says what is understood as some kind
-    raise QuestionError(f"{longest}{suggestion(options.text, None, kinds[0])}") from longest
+    raise QuestionError(f"{longest}{suggestion(options.text, None, *suggested)}") from longest
 
 
 def execute_options(parser: Any) -> None:

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 from nsdr.errors import EndpointError, NsdrError, QuestionError
-from nsdr.question_parser.suggestions import suggestion
+from nsdr.question_parser.suggestions import QUESTION_KINDS, suggestion
 from nsdr.symbolic import Program
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Scene
@@ -96,4 +96,4 @@ def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Progra
     except QuestionError as e:
         if isinstance(e, EndpointError):  # of the parser, whatever the text is
             raise
-        return QuestionError(f"{e}{suggestion(text, scene, kind)}")
+        return QuestionError(f"{e}{suggestion(text, scene, *QUESTION_KINDS if kind == 'descriptive' else (kind,))}")

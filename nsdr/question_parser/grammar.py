@@ -17,7 +17,7 @@ from nsdr.question_parser.base import Parser
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program
 
-REMEDY = 'word it like a CLEVRER question, such as "How many cubes enter the scene?" (docs/questions.md)'
+REMEDY = "word it like a CLEVRER question or option (docs/questions.md)"
 PUNCTUATION = frozenset("'\u2018\u2019\",.;:?!-()/&\u2013\u2014\u201c\u201d\u2026")
 """Characters of a text beside letters, digits and spaces."""
 MAX_UNUSED = 4

@@ -1,6 +1,7 @@
 """The well-formed questions that are nearest to a text which was refused."""
 
 import random
+import re
 from collections.abc import Sequence
 from difflib import SequenceMatcher
 from itertools import combinations
@@ -20,6 +21,14 @@ SYMBOLS = {
     "choice": ("PRESENCE", "COLLISION", "ENTRANCE", "EXIT", "HAPPENS"),
 }
 """Symbols of write_clevrer.rules whose contents are compared with a text, by kind of text."""
+QUESTION_KINDS = ("descriptive", "multiple_choice")
+"""The kinds that a text may be of that has no choices with it."""
+CONDITIONS = frozenset(
+    ["without", "if", "suppose", "supposing", "imagine", "assume", "assuming", "absent", "gone", "missing", "taken"]
+).union(["remove", "removed", "removing", "delete", "deleted", "erased", "eliminated", "excluded", "omitted"])
+"""Words of normal forms that speak of another world; the nearest questions to a text with one are about removals."""
+_SIDE_ASKED = re.compile(r"\b(?:after|before) (?:how|what|which)\b")
+"""A text that asks what is before an event may mean to ask for what is before it, or the reverse."""
 ANY_NAMES = (("red", "cube"), ("blue", "sphere"))
 """Objects of the suggestions where neither a scene nor the text names any."""
 FUNCTION_WEIGHT = 0.2
@@ -45,19 +54,19 @@ class _Names:
         return () if use == "enters" else choose.pick(kept)
 
 
-def suggestion(text: str, scene: Scene | None, kind: str) -> str:
-    """The nearest questions as the end of an error message."""
-    near = nearest_questions(text, scene, kind)
-    return f"; the nearest {'options' if kind == 'choice' else 'questions'}: {' | '.join(near)}" if near else ""
+def suggestion(text: str, scene: Scene | None, *kinds: str) -> str:
+    """The nearest questions of some kinds as the end of an error message."""
+    near = nearest_questions(text, scene, *kinds)
+    return f"; the nearest {'options' if kinds == ('choice',) else 'questions'}: {' | '.join(near)}" if near else ""
 
 
-def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive") -> list[str]:
+def nearest_questions(text: str, scene: Scene | None, *kinds: str) -> list[str]:
     """Well-formed texts that are most similar to a text.
 
     Args:
         text: a text that was refused.
         scene: the texts name its objects and can be executed on it; None for objects that the text names, if any.
-        kind: "descriptive", "multiple_choice" or "choice".
+        kinds: of the texts: "descriptive", "multiple_choice" or "choice".
 
     Returns:
         The most similar first, always the same for the same arguments.
@@ -73,12 +82,17 @@ def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive")
     phrases = _Names(names, list(dict.fromkeys([(), *names, *shapes])))
     if scene is None and len(names) < 2:  # a collision takes two
         phrases.names = [*names, *(other for other in ANY_NAMES if other not in names)]
-    pairs = [pair for symbol in SYMBOLS[kind] for pair in clevrer().every(symbol, phrases, random.Random(0))]
+    symbols = [symbol for kind in kinds for symbol in SYMBOLS[kind]]
+    if "COUNTERFACTUAL" in symbols and "without" in said:
+        symbols = ["COUNTERFACTUAL"]
+    pairs = [pair for symbol in symbols for pair in clevrer().every(symbol, phrases, random.Random(0))]
     said_names = [f"the {Slot('N', words).text}" for words in phrases.names]
     pairs = [pair for pair in pairs if all(pair[0].count(name) < 2 for name in said_names)]
     pairs.sort(key=lambda pair: (-_common(said, _meanings(pair[0])), len(pair[0])))
     nearest = sorted(pairs[:COMPARED], key=lambda pair: (-_similarity(said, _meanings(pair[0])), len(pair[0])))
     found: list[str] = []
+    if _SIDE_ASKED.search(text.lower()):
+        nearest = [both for pair in nearest for both in (pair, *(p for p in nearest if _is_other_side(pair[0], p[0])))]
     for candidate, program in [*nearest, *pairs[COMPARED:]]:
         if candidate not in found and (scene is None or _fits(program, scene)):
             found.append(candidate)
@@ -90,8 +104,17 @@ def nearest_questions(text: str, scene: Scene | None, kind: str = "descriptive")
 def _meanings(text: str) -> list[str]:
     """Attribute words and the meanings of the other words of a text."""
     words = normal_form(text).words
-    parts = ((word.words or ("object",)) if isinstance(word, Slot) else (MEANINGS.get(word, word),) for word in words)
+    parts = ((word.words or ("object",)) if isinstance(word, Slot) else (_meaning(word),) for word in words)
     return [meaning for part in parts for meaning in part]
+
+
+def _meaning(word: str) -> str:
+    return "without" if word in CONDITIONS else MEANINGS.get(word, word)
+
+
+def _is_other_side(first: str, second: str) -> bool:
+    """Whether two texts differ only in that one says "before" where the other says "after"."""
+    return " after " in first and first.replace(" after ", " before ") == second
 
 
 def _names_in_scene(said: Sequence[str], scene: Scene) -> list[tuple[str, ...]]:
