@@ -106,7 +106,7 @@ def read_word(text: str) -> str:
         return bare
     lower = text.casefold().replace("n't", " not ")
     tokens = re.findall(r"[^\s,;:!?\"()\[\]{}/]+", re.sub(r"(?<=[a-z])-(?=[a-z])", " ", lower))
-    words = [_same(re.sub(r"^[.-]+(?!\d)|[.-]+$", "", token.strip("'<>"))) for token in tokens]
+    words = [_same(_without_marks(token.strip("'<>"))) for token in tokens]
     words = [w for w in words if w]
     named = {w for w in words if w in ANSWERS or re.match(r"[.-]?\d", w)}
     named = named or {SHAPE_NOUNS[w] for w in words if w in SHAPE_NOUNS}
@@ -122,6 +122,13 @@ def read_word(text: str) -> str:
     if re.search(r"[.!;]\s+\w|\n", text):
         raise UnreadableError("more than one sentence")
     return named.pop()
+
+
+def _without_marks(token: str) -> str:
+    """The token without full stops and hyphens at its ends; those at its start are kept where a number follows: "-3", ".5"."""
+    token = token.rstrip(".-")
+    word = token.lstrip(".-")
+    return token[len(token) - len(word) - 1 :] if word != token and word[:1].isdigit() else word
 
 
 def _same(word: str) -> str:
