@@ -5,6 +5,7 @@ import warnings
 from itertools import islice
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -19,7 +20,15 @@ from nsdr.frame_parser.check.video import clip_frames
 from nsdr.io.decoding import find_videos
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.images import open_images
-from nsdr.io.video import read_frames, video_seconds, write_video
+from nsdr.io.video import (
+    even_frames,
+    frame_rate,
+    read_frames,
+    read_video,
+    sample_frames,
+    video_seconds,
+    write_video,
+)
 from nsdr.tracking.localization import outline
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
@@ -180,10 +189,129 @@ def test_frames_of_odd_sides_are_not_written(tmp_path) -> None:
         write_video(tmp_path / "v.mp4", [np.zeros((33, 48, 3), np.uint8)])
 
 
+def gif_of_repeats(path: Path, frames: int, side: int) -> Path:
+    """A GIF whose first frame is all of one colour, and whose other frames are a pixel each; Pillow draws all of each frame."""
+    Image.new("P", (side, side)).save(path, save_all=True, append_images=[Image.new("P", (1, 1))], duration=40)
+    whole = path.read_bytes()
+    dot = b"!\xf9\x04\x04\x04\0\0\0,\0\0\0\0\x01\0\x01\0\0\x02\x02\x44\x01\0"
+    path.write_bytes(whole[: whole.rindex(b"!\xf9\x04")] + frames * dot + b";")
+    return path
+
+
+@pytest.mark.parametrize("limit", ["", "video_pixels=100000000"])
+def test_what_an_animated_image_holds_is_limited_before_it_is_decoded(tmp_path, monkeypatch, limit: str) -> None:
+    path, decoded = gif_of_repeats(tmp_path / "v.gif", 6000, 1000 if limit else 3160), []
+    monkeypatch.setattr(Image.Image, "load", lambda image: decoded.append(image))
+    if limit:
+        monkeypatch.setenv("NSDR_LIMITS", limit)
+    for function in (read, even_frames, video_seconds, frame_rate):
+        with pytest.raises(VideoError, match=r"v\.gif: .* video_pixels, more than"):
+            function(path)
+    assert decoded == []
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".png"])
+def test_the_length_of_an_animated_image_is_known_before_it_is_decoded(tmp_path, monkeypatch, suffix: str) -> None:
+    path = save(tmp_path / f"v{suffix}", [frame(1), frame(2), frame(4), frame(5)], [40, 80, 40, 40])
+    decoded = []
+    monkeypatch.setattr(Image.Image, "load", lambda image: decoded.append(image))
+    assert video_seconds(path) == pytest.approx(0.2)
+    assert frame_rate(path) == pytest.approx(25)
+    assert decoded == []
+
+
+def test_a_gif_of_comments_is_refused_before_they_are_read(tmp_path) -> None:
+    """Pillow's time to read a comment grows with the square of its length."""
+    path = save(tmp_path / "v.gif", [frame(1), frame(2)], 40)
+    whole = path.read_bytes()
+    start = whole.index(b"!")
+    path.write_bytes(whole[:start] + b"!\xfe" + 10_000 * (b"\xff" + bytes(255)) + b"\0" + whole[start:])
+    with pytest.raises(VideoError, match=r"v\.gif: comments and extensions of more than 1,000,000 bytes"):
+        read(path)
+
+
+def test_files_of_a_video_that_hold_more_than_their_header_says_are_limited(tmp_path, monkeypatch) -> None:
+    write_video(tmp_path / "v.mp4", [frame(k) for k in range(N)])
+    monkeypatch.setenv("NSDR_LIMITS", "video_pixels=1000000")
+    with pytest.raises(VideoError, match=r"1,843,200 video_pixels, more than 1,000,000"):
+        read(tmp_path / "v.mp4")
+    monkeypatch.setattr(cv2, "VideoCapture", Headerless)
+    with pytest.raises(VideoError, match=r"1,075,200 video_pixels, more than 1,000,000"):
+        read(tmp_path / "v.mp4")
+
+
+class Headerless(cv2.VideoCapture):
+    """A video whose header does not say how many frames it has."""
+
+    def get(self, what: int) -> float:
+        return 0.0 if what == cv2.CAP_PROP_FRAME_COUNT else super().get(what)
+
+
+@pytest.mark.parametrize("function", [even_frames, lambda path: sample_frames(path, 100, 1), read_video])
+def test_frames_that_are_kept_in_memory_are_limited(tmp_path, monkeypatch, function) -> None:
+    path = save(tmp_path / "v.gif", [frame(k + 1, (48, 32)) for k in range(5)], 800)
+    monkeypatch.setenv("NSDR_LIMITS", f"array_bytes={90 * 48 * 32 * 3}")
+    with (
+        pytest.raises(VideoError, match=r"v\.gif: .* array_bytes, more than"),
+        warnings.catch_warnings(action="ignore"),
+    ):
+        function(path)
+
+
+PLAYLIST = "#EXTM3U\n#EXT-X-VERSION:3\n#\x01\n#EXT-X-TARGETDURATION:6\n#EXTINF:5.12,\n{other}\n#EXT-X-ENDLIST\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [PLAYLIST, "ffconcat version 1.0\nfile {other}\n#\x01\n", "\0\0\0\x01" + PLAYLIST, PLAYLIST + "\0" * 9999],
+    ids=["playlist", "script", "raw video", "long"],
+)
+@pytest.mark.parametrize("name", ["v.mp4", "v.m3u8", "v.ffconcat", "v.ts"])
+def test_files_that_name_other_files_are_no_videos(tmp_path, text: str, name: str) -> None:
+    with av.open(str(tmp_path / "other.ts"), "w", format="mpegts") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 480, 320, "yuv420p"
+        for k in range(N):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame(k), format="rgb24")))
+        container.mux(stream.encode())
+    (tmp_path / name).write_text(text.format(other=tmp_path / "other.ts"))
+    for function in (read_video, video_seconds, even_frames, frame_rate):
+        with pytest.raises(VideoError, match=rf"{name}: does not begin as an MP4"):
+            function(tmp_path / name)
+    assert len(read(tmp_path / "other.ts")[0]) == N
+
+
+@pytest.mark.parametrize(
+    ("suffix", "kind", "codec"),
+    [
+        (".mp4", "mp4", "libx264"),
+        (".mov", "mov", "libx264"),
+        (".mkv", "matroska", "libx264"),
+        (".webm", "webm", "libvpx"),
+        (".avi", "avi", "mpeg4"),
+        (".ts", "mpegts", "libx264"),
+        (".mpg", "mpeg", "mpeg2video"),
+        (".flv", "flv", "flv"),
+        (".wmv", "asf", "wmv2"),
+        (".ivf", "ivf", "libvpx"),
+        (".y4m", "yuv4mpegpipe", "rawvideo"),
+    ],
+)
+def test_containers_that_are_read(tmp_path, suffix: str, kind: str, codec: str) -> None:
+    path = tmp_path / f"v{suffix}"
+    with av.open(str(path), "w", format=kind) as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 480, 320, "yuv420p"
+        for k in range(N):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame(k), format="rgb24")))
+        container.mux(stream.encode())
+    assert len(read(path)[0]) == N
+
+
 def test_images_are_limited_as_videos_are(tmp_path, monkeypatch) -> None:
     gif = save(tmp_path / "v.gif", [frame(k + 1) for k in range(N)], 40)
     folder = folder_of(tmp_path / "v", [f"{k}.png" for k in range(N)])
-    for limit in ("frames=10", "image_pixels=1000"):
+    for limit in ("frames=10", "image_pixels=1000", "video_pixels=1000000"):
         monkeypatch.setenv("NSDR_LIMITS", limit)
         for path in (gif, folder):
             with pytest.raises(VideoError, match=limit.split("=")[0]):

@@ -302,7 +302,7 @@ def write_kind(path, kind: str) -> None:
         ("empty", r"is empty \(0 bytes\)"),
         ("text", "is a text file"),
         ("image", "is an image"),
-        ("sound", "not a video that OpenCV can read"),
+        ("sound", "does not begin as an MP4"),
         ("zip", r"is an archive \(ZIP or NPZ\)"),
     ],
 )

@@ -32,6 +32,31 @@ TimedFrames = Iterator[tuple[float, NDArray[np.uint8]]]
 """Frames (height, width, 3) uint8 RGB, and when each is shown after the first one (frames of CLEVRER)."""
 HEAD_BYTES = 4096
 """Bytes at a file's start that tell its kind."""
+BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
+"""Kinds of the first box of an MP4 or MOV file."""
+SIGNATURES = (
+    *((4, box) for box in BOXES),
+    (0, b"\x1aE\xdf\xa3"),  # Matroska, WebM
+    (8, b"AVI "),
+    (0, b"\0\0\x01\xba"),  # MPEG program stream
+    (0, b"\0\0\x01\xb3"),  # MPEG-1 or -2 video
+    (0, b"OggS"),
+    (0, b"DKIF"),  # IVF
+    (0, b"YUV4MPEG2 "),
+    (0, b"FLV\x01"),
+    (0, b"0&\xb2u\x8ef\xcf\x11"),  # ASF: WMV
+)
+"""Bytes with which the containers begin that are read, and where they stand (bytes from the start).
+
+FFmpeg, which OpenCV calls, takes many other files for videos. Among them are playlists and scripts (M3U8, ffconcat), by which
+it opens whatever other file of this machine they name.
+"""
+TRANSPORT_PACKETS = ((0, 188), (4, 192))
+"""Places of the first byte "G" and sizes of the packets of MPEG transport streams: .ts and .m2ts."""
+
+
+CONVERT = "if it is one, convert it to H.264: ffmpeg -i IN -c:v libx264 -pix_fmt yuv420p OUT.mp4"
+"""What to do about a video that is not read."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +122,10 @@ def _captured(path: Path) -> Iterator[cv2.VideoCapture]:
     try:
         if not capture.isOpened():
             raise undecodable(path)
-        check_limit(capture.get(cv2.CAP_PROP_FRAME_COUNT), "frames", path, VideoError)
+        check_limit(n := capture.get(cv2.CAP_PROP_FRAME_COUNT), "frames", path, VideoError)
         pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
         check_limit(pixels, "image_pixels", path, VideoError)
+        check_limit(n * pixels, "video_pixels", path, VideoError)
         yield capture
     finally:
         capture.release()
@@ -108,6 +134,7 @@ def _captured(path: Path) -> Iterator[cv2.VideoCapture]:
 
 def _decoded(capture: cv2.VideoCapture, path: Path) -> TimedFrames:
     """The frames with the times that the file says, from its own zero."""
+    total = 0
     while True:
         try:
             ok, frame = capture.read()
@@ -115,7 +142,10 @@ def _decoded(capture: cv2.VideoCapture, path: Path) -> TimedFrames:
             raise VideoError(f"{path}: cannot be decoded ({str(e).splitlines()[0]})") from e
         if not ok:
             return
-        check_limit(frame.shape[0] * frame.shape[1], "image_pixels", path, VideoError)
+        pixels = frame.shape[0] * frame.shape[1]
+        total += pixels
+        check_limit(pixels, "image_pixels", path, VideoError)
+        check_limit(total, "video_pixels", path, VideoError)  # the file's header may say less than it holds
         shown = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000 * FPS
         yield shown, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)  # type: ignore[misc]
 
@@ -170,10 +200,11 @@ def find_videos(folder: str | Path) -> list[Path]:
 
 
 def check_is_video(path: Path) -> None:
-    """Refuse what is certainly no video, by the file's first bytes.
+    """Refuse what is no folder of images, no animated image, and no file of a known container, by its first bytes.
 
     Raises:
-        VideoError: no such file, a folder without images, a device, an empty file, an image or a text; says which.
+        VideoError: no such file, or a folder without images, a device, an empty file, an image, a text or another kind of file;
+            says which.
     """
     if path.is_dir():
         if not has_images(path):
@@ -186,13 +217,23 @@ def check_is_video(path: Path) -> None:
         head = file.read(HEAD_BYTES)
     if not head:
         raise VideoError(f"{path}: is empty (0 bytes); expected a video")
+    if is_animated(path) or _is_container(head):
+        return
+    if cv2.haveImageReader(str(path)):
+        raise VideoError(f"{path}: is an image; expected a video, or an animated GIF, WebP or PNG")
     if head.startswith(b"PK"):
         raise VideoError(f"{path}: is an archive (ZIP or NPZ); expected a video")
-    # OpenCV would read both as videos.
-    if cv2.haveImageReader(str(path)) and not is_animated(path):
-        raise VideoError(f"{path}: is an image; expected a video, or an animated GIF, WebP or PNG")
     if _is_text(head):
         raise VideoError(f"{path}: is a text file; expected a video")
+    kinds = "MP4, MOV, MKV, WebM, AVI, MPEG, Ogg, FLV, WMV, IVF or Y4M file"
+    raise VideoError(f"{path}: does not begin as an {kinds}, or an animated image; {CONVERT}")
+
+
+def _is_container(head: bytes) -> bool:
+    """Whether these first bytes of a file are those of a container of `SIGNATURES`, or of an MPEG transport stream."""
+    if any(head[at : at + len(mark)] == mark for at, mark in SIGNATURES):
+        return True
+    return any(head[at::size][:3] == b"GGG" for at, size in TRANSPORT_PACKETS)
 
 
 def _is_text(head: bytes) -> bool:
@@ -206,5 +247,4 @@ def _is_text(head: bytes) -> bool:
 
 def undecodable(path: Path) -> VideoError:
     """The error of a file that nothing can be read from."""
-    remedy = "if it is one, convert it to H.264: ffmpeg -i IN -c:v libx264 -pix_fmt yuv420p OUT.mp4"
-    return VideoError(f"{path}: not a video that OpenCV can read, or damaged or cut off; {remedy}")
+    return VideoError(f"{path}: not a video that OpenCV can read, or damaged or cut off; {CONVERT}")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageSequence
 
 from nsdr.errors import VideoError
+from nsdr.io.animation import frame_durations_ms
 from nsdr.io.files import is_hidden
 from nsdr.io.limits import check_limit
 
@@ -58,9 +59,10 @@ class Images:
         """(height, width, 3) uint8 RGB, all of one size.
 
         Raises:
-            VideoError: a frame that cannot be read, is larger than `nsdr.io.limits` allows, or has another size than the first.
+            VideoError: a frame that cannot be read, or has another size than the first, or more pixels, by itself or together
+                with those before it, than `nsdr.io.limits` allows.
         """
-        first = None
+        first, total = None, 0
         for file in self.files:
             with _opened(file) as image:
                 for shown in ImageSequence.Iterator(image):
@@ -68,6 +70,8 @@ class Images:
                     if shown.size != first:
                         sizes = f"{shown.width}x{shown.height} px, the first frame {first[0]}x{first[1]}"
                         raise VideoError(f"{file}: {sizes}; all need one size")
+                    total += shown.width * shown.height
+                    check_limit(total, "video_pixels", self.path, VideoError)
                     yield np.asarray(shown.convert("RGB"))
                     if len(self.files) > 1:
                         break
@@ -79,12 +83,7 @@ def is_animated(path: Path) -> bool:
     Raises:
         VideoError: it is damaged.
     """
-    with path.open("rb") as file:
-        head = file.read(12)
-    if not (head.startswith((b"GIF8", b"\x89PNG")) or head[8:] == b"WEBP"):
-        return False
-    with _opened(path) as image:
-        return getattr(image, "n_frames", 1) > 1
+    return len(frame_durations_ms(path)) > 1
 
 
 def has_images(folder: Path) -> bool:
@@ -93,21 +92,19 @@ def has_images(folder: Path) -> bool:
 
 
 def open_images(path: Path) -> Images | None:
-    """An animated image, or a folder of PNG or JPEG files; None where `path` is neither.
+    """An animated image, or a folder of PNG or JPEG files; None where `path` is neither. Decodes nothing.
 
     Raises:
-        VideoError: a damaged file, or a folder whose files' names do not say which frame each is.
+        VideoError: a damaged file, a folder whose files' names do not say which frame each is, or an animated image of more
+            frames or pixels than `nsdr.io.limits` allows.
     """
     if path.is_dir():
         return _folder(path)
-    if not is_animated(path):
+    durations = [ms / 1000 for ms in frame_durations_ms(path)]
+    if len(durations) < 2:
         return None
-    durations = []
     with _opened(path) as image:
-        check_limit(image.n_frames, "frames", path, VideoError)
-        for shown in ImageSequence.Iterator(image):
-            shown.load()  # before, the duration of a WebP's frame is not known
-            durations.append(float(shown.info.get("duration", 0)) / 1000)
+        check_limit(len(durations) * image.width * image.height, "video_pixels", path, VideoError)
     # The last frame is often held for long, which is no part of what is shown.
     durations[-1] = statistics.median_low(durations[:-1])
     known = min(durations) >= MIN_SECONDS

@@ -26,6 +26,8 @@ class Limits:
         weights_bytes: size of a part's weights.
         frames: frames of a video (CLEVRER: 128), and the last frame of a prediction.
         image_pixels: pixels of a frame (CLEVRER: 153,600).
+        video_pixels: pixels of all frames that a video's file holds (CLEVRER: 19,660,800; 20 s of 1920x1080 at 60 frames a
+            second: 2,488,320,000).
         frame_objects: detections in a frame (CLEVRER: at most 10).
         scene_objects: objects of a scene (CLEVRER: at most 8).
         events: events of a scene.
@@ -40,6 +42,7 @@ class Limits:
     weights_bytes: int = 4_000_000_000
     frames: int = 10_000
     image_pixels: int = 10_000_000
+    video_pixels: int = 3_000_000_000
     frame_objects: int = 100
     scene_objects: int = 32
     events: int = 10_000

@@ -136,6 +136,7 @@ def sample_frames(path: str | Path, seconds: float, spacing: int, fps: float = 0
             if index % spacing == 0:
                 size = (frame.shape[1], frame.shape[0])
                 frames.append(_scaled(frame, most=1.0))
+                check_limit(len(frames) * frames[0].nbytes, "array_bytes", path, VideoError)
         if not frames:
             raise undecodable(path)
     return VideoSample(np.stack([frame for frame in frames if frame.shape == frames[0].shape]), size)
