@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,6 +20,7 @@ from nsdr.pipeline import Perception
 from nsdr.types import Rollout
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore:.*CLEVRER's videos have 128")
+NEXT = "What will happen next?"
 TOOLS = ["ask", "perceive", "run_program", "simulate"]
 
 
@@ -125,12 +127,69 @@ def test_changing(server) -> None:
         ("simulate", {"video": "clips/a.mp4", "changes": [{"kind": "set_mass"}]}, "set_mass needs object, factor"),
         ("simulate", {"video": "clips/a.mp4", "changes": [{"kind": "freeze"}]}, "freeze needs object"),
         ("simulate", {"video": "clips/a.mp4", "changes": [{"kind": "explode"}]}, "explode"),
+        ("perceive", {"video": "clips/a.mp4", "fps": 24}, "fps"),
+        ("ask", {"video": "clips/a.mp4", "question": "How many collisions happen?", "choice": ["A"]}, "choice"),
+        ("simulate", {"video": "clips/a.mp4", "changes": [{"kind": "freeze", "what": "red cube"}]}, "what"),
+        ("ask", {"video": "clips/a.mp4", "question": "How many " * 60}, "at most 500 characters"),
+        ("ask", {"video": "clips/a.mp4", "question": NEXT, "choices": ["It exits"] * 27}, "at most 26 choices"),
+        ("ask", {"video": "clips/a.mp4", "question": NEXT, "choices": ["x" * 3001]}, "at most 3,000 characters"),
+        ("run_program", {"video": "clips/a.mp4", "program": "objects " * 700}, "at most 5,000 characters"),
+        (
+            "run_program",
+            {"video": "clips/a.mp4", "program": "unseen_events belong_to", "choice_programs": ["objects count"] * 27},
+            "at most 26 choice programs",
+        ),
     ],
 )
 def test_errors_are_messages(server, tool, arguments, message) -> None:
     result = call(server, tool, **arguments)
     assert result.is_error
     assert message in result.content[0].text
+
+
+def test_errors_show_no_folders(server, folder) -> None:
+    (folder / "broken.mp4").write_bytes(b"\0\0\0\x20ftypisom" + bytes(99))
+    try:
+        result = call(server, "perceive", video="broken.mp4")
+    finally:
+        (folder / "broken.mp4").unlink()
+    assert result.is_error
+    assert "broken.mp4: not a video" in result.content[0].text
+    assert str(folder) not in result.content[0].text
+
+
+def test_cancelled_calls_do_not_run(folder, small_scene) -> None:
+    begun, may_end, seen = threading.Event(), threading.Event(), []
+
+    def perceive(path: Path) -> Perception:
+        seen.append(path)
+        begun.set()
+        assert may_end.wait(60)
+        return Perception(None, None, None, small_scene)
+
+    pipeline: Any = SimpleNamespace(perceive=perceive)
+    server = make_server(pipeline, folder)
+
+    async def go() -> None:
+        async with Client(server) as client:
+
+            async def look() -> None:
+                await client.call_tool("perceive", {"video": "linked.mp4"})
+
+            async with anyio.create_task_group() as first:
+                first.start_soon(look)
+                await anyio.to_thread.run_sync(begun.wait)
+                async with anyio.create_task_group() as others:
+                    for _ in range(8):
+                        others.start_soon(look)
+                    await anyio.wait_all_tasks_blocked()
+                    others.cancel_scope.cancel()
+                assert len(seen) == 1
+                may_end.set()
+            await look()
+
+    anyio.run(go)
+    assert len(seen) == 2
 
 
 def test_over_stdio(folder) -> None:

@@ -3,12 +3,12 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, fields
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
-from threading import Lock
 from typing import Any, Literal
 
 import nsdr
+from nsdr.apps.strangers import check_asked, check_programs, without_folders
 from nsdr.claims.narration import reasons
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.decoding import find_videos
@@ -40,6 +40,8 @@ class Change:
     x points towards the camera, y to the right of the image. Lengths are world units (an object is 0.4 wide), speeds world
     units per second of simulated time, of which a frame is 0.028 s (objects start with up to 3).
     """
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 (the SDK's name for it)
 
     kind: Literal["remove", "set_mass", "set_velocity", "move", "freeze", "add"]
     object: str | None = None
@@ -77,7 +79,7 @@ class Change:
 class AgentTools:
     """The tools on the videos of a folder; their docstrings are what agents read.
 
-    Calls are done one after the other. What was perceived is kept as by the pipeline.
+    Only one may be called at a time. What was perceived is kept by the pipeline.
 
     Args:
         pipeline: answers.
@@ -85,7 +87,7 @@ class AgentTools:
     """
 
     def __init__(self, pipeline: Pipeline, folder: str | Path) -> None:
-        self._pipeline, self._folder, self._lock = pipeline, Path(folder).resolve(), Lock()
+        self._pipeline, self._folder = pipeline, Path(folder).resolve()
 
     def videos(self) -> list[str]:
         """Names of the folder's videos, as the tools take them."""
@@ -94,8 +96,7 @@ class AgentTools:
     def perceive(self, video: str) -> dict[str, Any]:
         """Look at a video: its objects, its events (entrances, exits, collisions), the collisions predicted after its end, and
         those that are only possible."""
-        with self._lock:
-            scene = self._pipeline.perceive(self._path(video)).scene
+        scene = self._pipeline.perceive(self._path(video)).scene
         uncertain = [d for d in scene.uncertain or () if d.removed is None]
         known = None if scene.uncertain is None else {d.event: d.probability for d in uncertain}
         unseen = scene.unseen or ()
@@ -112,19 +113,20 @@ class AgentTools:
     def ask(self, video: str, question: str, choices: list[str] | None = None) -> dict[str, Any]:
         """Ask in CLEVRER's English, such as "What color is the object that enters the scene?"; with choices, such as "What will
         happen if the red cube is removed?" with "The sphere and the cylinder collide". What is not understood is refused."""
+        check_asked(question, choices or ())
         return self._answered(video, question=question, choices=choices or None)
 
     def run_program(self, video: str, program: str, choice_programs: list[str] | None = None) -> dict[str, Any]:
         """Run a CLEVRER program in postfix, such as "events objects filter_collision count"; the programs of a multiple-choice
         question end in belong_to and take choice programs."""
+        check_programs(program, choice_programs or ())
         return self._answered(video, program=program, choice_programs=choice_programs or None)
 
     def simulate(self, video: str, changes: list[Change], from_frame: int = 0) -> dict[str, Any]:
         """Simulate the video with changes at a frame, such as {"kind": "remove", "object": "red cube"} or {"kind": "set_mass",
         "object": "blue sphere", "factor": 2}, and say what happens differently ("no longer", "new", or "other frame" than the
         one `before`), with probabilities."""
-        with self._lock:
-            s = self._pipeline.simulate(self._path(video), [c.intervention() for c in changes], from_frame)
+        s = self._pipeline.simulate(self._path(video), [c.intervention() for c in changes], from_frame)
         differences = [
             {
                 "difference": d.kind,
@@ -144,9 +146,8 @@ class AgentTools:
     def _answered(self, video: str, **asked: Any) -> dict[str, Any]:
         """The answer or the judged choices, how probable and why, and the executed program."""
         path = self._path(video)
-        with self._lock:
-            scene = self._pipeline.perceive(path).scene
-            found = self._pipeline.answer(path, **asked)
+        scene = self._pipeline.perceive(path).scene
+        found = self._pipeline.answer(path, **asked)
         choices = [
             {
                 "choice": c.choice,
@@ -194,26 +195,33 @@ def make_server(pipeline: Pipeline, folder: str | Path) -> Any:
         DataError: the extra `mcp` is not installed.
     """
     try:
+        import anyio
         from mcp.server.mcpserver import MCPServer
         from mcp.server.mcpserver.exceptions import ToolError
+        from mcp.server.mcpserver.tools import Tool
     except ImportError as e:
         raise DataError("agents need the official SDK: pip install 'nsdr[mcp]'") from e
-    tools = AgentTools(pipeline, folder)
+    tools, one = AgentTools(pipeline, folder), anyio.CapacityLimiter(1)
     named = f"{INSTRUCTIONS}\nVideos: {', '.join(tools.videos()[:VIDEOS_NAMED]) or 'none'}"
-    server = MCPServer("nsdr", instructions=named, version=nsdr.__version__, log_level="WARNING")
 
-    def with_messages(tool: Callable[..., Any]) -> Callable[..., Any]:
-        """The tool, whose errors are messages for the agent."""
+    def tool(function: Callable[..., Any]) -> Tool:
+        """The tool of a function. Its errors are messages for the agent, and it refuses arguments that it does not know.
 
-        @wraps(tool)
-        def run(*args: Any, **kwargs: Any) -> Any:
+        Calls run one after the other. One that is cancelled while it waits never runs.
+        """
+
+        @wraps(function)
+        async def run(**arguments: Any) -> Any:
             try:
-                return tool(*args, **kwargs)
+                return await anyio.to_thread.run_sync(partial(function, **arguments), limiter=one)
             except NsdrError as e:
-                raise ToolError(str(e)) from e
+                raise ToolError(without_folders(str(e))) from e
 
-        return run
+        made = Tool.from_function(run)
+        made.fn_metadata.arg_model.model_config["extra"] = "forbid"
+        made.fn_metadata.arg_model.model_rebuild(force=True)
+        made.parameters = made.fn_metadata.arg_model.model_json_schema(by_alias=True)
+        return made
 
-    for tool in (tools.perceive, tools.ask, tools.run_program, tools.simulate):
-        server.tool()(with_messages(tool))
-    return server
+    listed = [tool(function) for function in (tools.perceive, tools.ask, tools.run_program, tools.simulate)]
+    return MCPServer("nsdr", instructions=named, version=nsdr.__version__, log_level="WARNING", tools=listed)
