@@ -1,5 +1,7 @@
 """What is behind the page to ask on, without a browser and without Gradio."""
 
+import json
+import os
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,8 +14,10 @@ import pytest
 
 from nsdr import DataError, Event, Executor, Scene, VideoConfig, VideoError
 from nsdr.apps import menus, web
-from nsdr.apps.clips import Clips
+from nsdr.apps.clips import KEPT_CLIPS, Clips
+from nsdr.apps.guard import Guard, delete_upload
 from nsdr.apps.panels import rests_on
+from nsdr.apps.strangers import without_folders
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.proposals import proposals_from_rows
 from nsdr.cli import serve
@@ -164,32 +168,158 @@ def test_frames_after_a_cut_are_judged_too(small_scene: Scene, clip_files: list[
     assert judgement.n_frames == tracks.n_frames == len(shown) == 7
 
 
-def test_what_is_not_judged_has_its_reason(small_scene: Scene, tmp_path: Path) -> None:
-    pipeline: Any = FakePipeline(small_scene)
-    (tmp_path / "<i>.mp4").write_text("no video")
-    page = web._Page(SimpleNamespace(), Clips(pipeline, 5), {}, tmp_path)
-    said = page._judge(str(tmp_path / "<i>.mp4"))
-    assert "Not judged: &lt;i&gt;.mp4: is a text file; expected a video" in said
-
-
-def test_messages_name_files_without_their_folders() -> None:
-    rest = "clip.mp4: is a text file; see docs/errors.md or 1/2"
-    assert web._without_folders(f"/srv/a b/{rest}") == rest
-    assert web._without_folders(f"cannot read /srv/0a/{rest}") == f"cannot read {rest}"
-
-
-def test_errors_become_one_line_and_bugs_are_logged(caplog: pytest.LogCaptureFixture) -> None:
+def page_of(clips: Any, folder: Path) -> Any:
     class Shown(Exception):
         def __init__(self, message: str, **options: Any) -> None:
             super().__init__(message)
             assert options["print_exception"] is False
 
-    page = web._Page(SimpleNamespace(Error=Shown), SimpleNamespace(), {}, Path())  # type: ignore[arg-type]
-    with pytest.raises(Shown, match=r"^there is no clip yet; pick or upload one$"):
-        page._told(page._clip)("")
-    with pytest.raises(Shown, match="a bug in nsdr"):
-        page._told(lambda: 1 / 0)()
+    page = web._Page(SimpleNamespace(Error=Shown), clips, {}, folder)
+    page.laws = "laws"
+    return page, Shown
+
+
+def test_what_is_not_judged_has_its_reason(small_scene: Scene, tmp_path: Path) -> None:
+    pipeline: Any = FakePipeline(small_scene)
+    (tmp_path / "<i>.mp4").write_text("no video")
+    page, _ = page_of(Clips(pipeline, 5), tmp_path)
+    said = page._looked_at(tmp_path / "<i>.mp4", lambda share, desc: None)
+    assert "Not judged: &lt;i&gt;.mp4: is a text file; expected a video" in next(said)["laws"]
+    with pytest.raises(VideoError, match="is a text file"):
+        next(said)
+
+
+def test_messages_name_files_without_their_folders() -> None:
+    rest = "clip.mp4: is a text file; see docs/errors.md or 1/2"
+    assert without_folders(f"/srv/a b/{rest}") == rest
+    assert without_folders(f"cannot read /srv/0a/{rest}") == f"cannot read {rest}"
+    assert without_folders(f"cannot read '/srv/0a/{rest}', \"/srv/b.mp4\"") == f"cannot read '{rest}', \"b.mp4\""
+    assert without_folders("see https://example.org/a/b") == "see https://example.org/a/b"
+
+
+def test_errors_become_one_line_and_bugs_are_logged(small_scene: Scene, caplog: pytest.LogCaptureFixture) -> None:
+    pipeline: Any = FakePipeline(small_scene)
+    page, shown = page_of(Clips(pipeline, 5), Path())
+    with pytest.raises(shown, match=r"^there is no clip yet, .*; pick or upload one$"), page._told():
+        page._ask("", "How many collisions happen?", None)
+    assert caplog.text == ""
+    with pytest.raises(shown, match="a bug in nsdr"), page._told():
+        1 / 0  # noqa: B018
     assert "ZeroDivisionError" in caplog.text
+    with pytest.raises(shown, match=r"cannot do that now: No space left .* Try again"), page._told():
+        raise OSError(28, "No space left on device", "/srv/secret/0.mp4")
+
+
+def test_quick_work_asks_for_kept_clips_only(small_scene: Scene, clip_files: list[Path]) -> None:
+    """A clip that was forgotten is not looked at again by a question, which would make other questions wait."""
+    pipeline: Any = FakePipeline(small_scene)
+    clips = Clips(pipeline, 5)
+    clip = clips.watch(clip_files[0])
+    clip_files[0].unlink()
+    assert clips.kept(clip.key) is clip
+    for k in range(2 * KEPT_CLIPS):
+        clip_files[1].write_bytes(clip_files[2].read_bytes() + bytes(k))
+        clips.watch(clip_files[1])
+        if k < KEPT_CLIPS:
+            assert clips.kept(clip.key) is clip  # it was asked for, and so is not the oldest
+    with pytest.raises(DataError, match="no longer kept; pick or upload one"):
+        clips.kept(clip.key)
+
+
+def test_clips_that_are_longer_than_they_say_are_refused(small_scene: Scene, clip_files: list[Path]) -> None:
+    pipeline: Any = FakePipeline(small_scene)
+    pipeline.frames = lambda path: iter(np.zeros((1000, 320, 480, 3), np.uint8))
+    with pytest.raises(VideoError, match=r"lasts 2 s; clips of up to 2 s are taken, so cut it"):
+        Clips(pipeline, 2).watch(clip_files[0])
+
+
+MEGABYTE = 10**6
+
+
+@pytest.fixture
+def guarded(tmp_path: Path) -> Any:
+    """A client of a guarded application that keeps uploads as Gradio does; files called "broken" are not finished."""
+    from starlette.applications import Starlette
+    from starlette.middleware import Middleware
+    from starlette.requests import Request
+    from starlette.responses import PlainTextResponse
+    from starlette.routing import Route
+    from starlette.testclient import TestClient
+
+    folder = tmp_path / "uploads"
+
+    async def upload(request: Request) -> PlainTextResponse:
+        name, content = request.headers["name"], await request.body()
+        (folder / f"tmp{name}").write_bytes(content)
+        if name == "broken":
+            raise OSError(28, "No space left on device")
+        (folder / name).mkdir(exist_ok=True)
+        (folder / f"tmp{name}").rename(folder / name / "v.mp4")
+        return PlainTextResponse(name)
+
+    async def echo(request: Request) -> PlainTextResponse:
+        return PlainTextResponse((await request.body()).decode())
+
+    routes = [Route("/api/upload", upload, methods=["POST"])]
+    routes += [Route(path, echo, methods=["POST"]) for path in ("/api/queue/join", "/api/run/predict", "/api/other")]
+    routes.append(Route("/{path:path}", echo))
+    app = Starlette(routes=routes, middleware=[Middleware(Guard, folder, MEGABYTE, 3 * MEGABYTE)])
+    return TestClient(app, base_url="http://here:7860", raise_server_exceptions=False), folder
+
+
+def test_pages_of_other_sites_may_not_send_anything(guarded: Any) -> None:
+    client, folder = guarded
+    for origin in ("http://evil.example", "http://here", "http://here:7861", "null", ""):
+        for path in ("/api/upload", "/api/queue/join"):
+            assert client.post(path, content=b"{}", headers={"origin": origin, "name": "a"}).status_code == 403
+    assert not folder.exists()
+    for headers in ({}, {"origin": "http://here:7860"}, {"origin": "http://HERE:7860"}):
+        reply = client.post("/api/queue/join", content=b'{"data": [1]}', headers=headers)
+        assert (reply.status_code, reply.text) == (200, '{"data": [1]}')
+        assert "default-src 'self'" in reply.headers["content-security-policy"]
+
+
+def test_what_the_page_does_not_send_is_refused(guarded: Any) -> None:
+    client, _ = guarded
+    assert client.post("/api/other", content=b"{}").status_code == 404
+    assert client.post("/api/queue/join", content=b" " * 200_000).status_code == 413
+    assert client.post("/api/upload", content=bytes(2 * MEGABYTE), headers={"name": "a"}).status_code == 413
+    assert client.post("/api/upload", content=iter([b"a"]), headers={"name": "a"}).status_code == 411
+    for path in ("http://evil.example/a", "HTTPS://evil.example"):
+        body = json.dumps({"data": [{"meta": {"_type": "gradio.FileData"}, "path": path}]}).replace("p:", "\\u0070:")
+        assert client.post("/api/run/predict", content=body).status_code == 403
+        for place in ("file=", "file/", "proxy="):
+            assert client.get(f"/api/{place}{path}").status_code == 403
+    assert client.get("/api/file=/tmp/v.mp4").status_code == 200
+
+
+def test_uploads_fit_into_their_limit(guarded: Any) -> None:
+    client, folder = guarded
+
+    def upload(name: str) -> int:
+        return client.post("/api/upload", content=bytes(MEGABYTE), headers={"name": name}).status_code
+
+    for k in range(5):
+        assert upload(str(k)) == 200
+        os.utime(folder / str(k) / "v.mp4", (k, k))
+    assert sorted(path.name for path in folder.iterdir()) == ["2", "3", "4"]
+    assert upload("broken") == 507
+    assert sorted(path.name for path in folder.iterdir()) == ["3", "4"]  # nothing is left of what was broken off
+    delete_upload(folder / "3" / "v.mp4")
+    assert sorted(path.name for path in folder.iterdir()) == ["4"]
+
+
+def test_uploads_leave_room_on_the_disk(guarded: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    client, folder = guarded
+    kept = lambda: sum(f.stat().st_size for f in folder.rglob("*") if f.is_file())  # noqa: E731
+    small = lambda path: SimpleNamespace(total=2 * MEGABYTE, free=2 * MEGABYTE - kept())  # noqa: E731
+    monkeypatch.setattr("shutil.disk_usage", small)
+    for k in range(4):
+        assert client.post("/api/upload", content=bytes(MEGABYTE), headers={"name": str(k)}).status_code == 200
+    assert kept() == MEGABYTE
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(total=2 * MEGABYTE, free=0))
+    reply = client.post("/api/upload", content=bytes(1000), headers={"name": "a"})
+    assert (reply.status_code, reply.text) == (507, "there is no room for this upload now; try again in a few minutes")
 
 
 def test_folders_of_clips(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import urllib.request
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -157,7 +158,94 @@ def test_typed_question(visit: Callable[[], Any]) -> None:
     page.fill("#question textarea, #question input", "How many unicorns dance?")
     page.click("#ask")
     page.get_by_text("the nearest questions").first.wait_for(timeout=ANSWERED_MS)
+    page.locator("#answer .answer").wait_for(state="detached", timeout=ANSWERED_MS)  # it was another question's
     assert "Traceback" not in page.inner_text("body")
+
+
+def test_the_keyboard_leaves_what_is_not_chosen(visit: Callable[[], Any], server: Server) -> None:
+    page = visit()
+    for _ in range(4):
+        page.keyboard.press("Tab")
+        page.wait_for_timeout(300)
+    page.fill("#question textarea, #question input", "How many collisions happen?")
+    page.click("#ask")
+    page.get_by_text("there is no clip yet").first.wait_for(timeout=ANSWERED_MS)
+    said = page.inner_text("body")
+    assert "bug" not in said
+    assert "no clip is picked" not in said
+    assert "KeyError" not in server.output.read_text()
+    page.click("#pick input")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#timeline svg", timeout=WATCHED_MS)
+
+
+def requests_to(server: Server) -> tuple[Any, Any]:
+    """A client of the server's address, and the numbers of the functions of buttons by the identifier of their element."""
+    import httpx
+
+    client = httpx.Client(base_url=server.address, timeout=120)
+    config = client.get("config").json()
+    names = {part["id"]: part["props"].get("elem_id") for part in config["components"]}
+    numbers = {
+        names[part]: function["id"]
+        for function in config["dependencies"]
+        for part, event in function["targets"]
+        if event in ("click", "select", "upload")
+    }
+    return client, numbers
+
+
+def test_what_the_page_limits_is_limited_on_the_server(server: Server, tmp_path: Path) -> None:
+    client, numbers = requests_to(server)
+
+    def post(button: str, *data: Any) -> Any:
+        body = {"data": data, "fn_index": numbers[button], "session_hash": "someone"}
+        return client.post("gradio_api/run/predict", json=body)
+
+    assert "there is no clip yet" in post("ask", None, "How many collisions happen?", "").text
+    for data in (
+        (None, None, None),
+        (None, "?" * 600, ""),
+        (None, "Why?", "a\n" * 40),
+        (None, "Why?", 9),
+        (None, {}, []),
+    ):
+        reply = post("ask", *data)
+        assert reply.status_code == 500
+        assert "bug" not in reply.text
+    assert post("pick", None).status_code == 404  # only by the queue
+    assert post("upload", None).status_code == 404
+
+
+def test_slow_work_and_refused_uploads_leave_the_page_free(server: Server, tmp_path: Path) -> None:
+    client, numbers = requests_to(server)
+    (tmp_path / "text.mp4").write_text("This is a text.\n" * 9)
+
+    def upload(name: str) -> Any:
+        return client.post("gradio_api/upload", files={"files": (name, (tmp_path / "text.mp4").read_bytes())}).json()[0]
+
+    kept = [upload(f"{k}.mp4") for k in range(25)]
+    joined = [
+        client.post(
+            "gradio_api/queue/join",
+            json={
+                "data": [{"path": path, "meta": {"_type": "gradio.FileData"}}],
+                "fn_index": numbers["upload"],
+                "session_hash": f"visitor{k}",
+            },
+        ).status_code
+        for k, path in enumerate(kept)
+    ]
+    assert set(joined) <= {200, 503}
+    body = {"data": [None, "How many collisions happen?", ""], "fn_index": numbers["ask"], "session_hash": "other"}
+    with ThreadPoolExecutor(45) as threads:
+        replies = list(threads.map(lambda _: client.post("gradio_api/run/predict", json=body), range(45)))
+        assert {reply.status_code for reply in replies} == {500}
+        assert client.get("").status_code == 200
+    with client.stream("GET", "gradio_api/queue/data", params={"session_hash": "visitor0"}) as messages:
+        assert any("is a text file" in line for line in messages.iter_lines())
+    assert not Path(kept[0]).exists()
 
 
 def test_examples_bring_their_choices(visit: Callable[[], Any]) -> None:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.errors import VideoError
+from nsdr.errors import DataError, VideoError
 from nsdr.io.decoding import check_is_video
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.notes import distinct, unsaid
@@ -22,8 +22,8 @@ from nsdr.types.interventions import Intervention
 from nsdr.visualize.html_parts import jpeg
 from nsdr.world.physics_constants import FPS
 
-KEPT_CLIPS = 16
-"""Clips that are kept, as by a pipeline."""
+KEPT_CLIPS = 64
+"""Clips that are kept: those that were looked at or asked about last."""
 Progress = Callable[[float, str], Any]
 """Called with the share that is done (0-1) and what is being done."""
 
@@ -33,11 +33,13 @@ class Clip:
     """A clip that was looked at.
 
     Attributes:
-        path: its video file.
+        key: it is found by this text while it is kept.
+        path: its video file, which may be deleted meanwhile.
         perception: what was found in it.
         jpegs: its frames as JPEG files, which takes a hundredth of the memory.
     """
 
+    key: str
     path: Path
     perception: Perception
     jpegs: tuple[bytes, ...]
@@ -60,7 +62,7 @@ class Clips:
 
     def __init__(self, pipeline: Pipeline, max_seconds: float) -> None:
         self.pipeline, self.max_seconds = pipeline, max_seconds
-        self._working, self._asking = threading.Lock(), threading.Lock()
+        self._working, self._asking, self._keeping = threading.Lock(), threading.Lock(), threading.Lock()
         self._kept: dict[str, Clip] = {}
 
     def watch(self, path: str | Path, progress: Progress | None = None) -> Clip:
@@ -72,20 +74,37 @@ class Clips:
         path = Path(path)
         check_is_video(path)
         key = fingerprint(inputs=[path])
-        if (known := self._kept.get(key)) is not None:
+        if (known := self._known(key)) is not None:
             return known
         seconds = video_seconds(path, self.pipeline.video.fps)
         if seconds > self.max_seconds:
-            raise VideoError(
-                f"{path}: lasts {seconds:.0f} s; clips of up to {self.max_seconds:g} s are taken, so cut it"
-            )
+            raise self._too_long(path, seconds)
         with self._working:
-            if key not in self._kept:  # nor is it another visitor's, meanwhile
-                clip = self._perceived(path, seconds, progress or (lambda share, text: None))
-                if len(self._kept) == KEPT_CLIPS:
+            if (known := self._known(key)) is not None:  # another visitor's, meanwhile
+                return known
+            clip = self._perceived(key, path, seconds, progress or (lambda share, text: None))
+            with self._keeping:
+                while len(self._kept) >= KEPT_CLIPS:
                     del self._kept[next(iter(self._kept))]
                 self._kept[key] = clip
-            return self._kept[key]
+            return clip
+
+    def kept(self, key: str) -> Clip:
+        """A clip that was looked at, by its key. This waits for no work.
+
+        Raises:
+            DataError: there is none, or it is no longer kept.
+        """
+        if (clip := self._known(key)) is None:
+            raise DataError("there is no clip yet, or it is no longer kept; pick or upload one")
+        return clip
+
+    def _known(self, key: str) -> Clip | None:
+        """A kept clip, which becomes the last one to be forgotten; None if there is none."""
+        with self._keeping:
+            if (clip := self._kept.pop(key, None)) is not None:
+                self._kept[key] = clip
+            return clip
 
     def answer(self, clip: Clip, question: str, choices: Sequence[str] = ()) -> Answer:
         """`Pipeline.answer` about a clip, with its errors."""
@@ -113,12 +132,18 @@ class Clips:
             frames = np.stack(list(self.pipeline.frames(path, beyond_cuts=True, note=unsaid)))
             return judgement, track(self.pipeline.proposals(path)[0], *how), frames
 
-    def _perceived(self, path: Path, seconds: float, progress: Progress) -> Clip:
+    def _too_long(self, path: Path, seconds: float) -> VideoError:
+        most = f"clips of up to {self.max_seconds:g} s are taken, so cut it"
+        return VideoError(f"{path}: lasts {seconds:.0f} s; {most}")
+
+    def _perceived(self, key: str, path: Path, seconds: float, progress: Progress) -> Clip:
         jpegs: list[bytes] = []
         notes: list[str] = []
 
         def frames() -> Iterator[NDArray[np.uint8]]:
             for index, frame in enumerate(self.pipeline.frames(path, note=notes.append)):
+                if index > 1 + self.max_seconds * FPS:
+                    raise self._too_long(path, index / FPS)  # the file's header says less
                 progress(min(index / max(seconds * FPS, 1), 1.0), f"looking at frame {index}")
                 jpegs.append(jpeg(frame))
                 yield frame
@@ -126,4 +151,4 @@ class Clips:
         proposals = self.pipeline.frame_parser.parse(frames())
         progress(1.0, "fitting the motion")
         perception = self.pipeline.perceive(path, proposals=replace(proposals, notes=distinct(proposals.notes, notes)))
-        return Clip(path, perception, tuple(jpegs))
+        return Clip(key, path, perception, tuple(jpegs))

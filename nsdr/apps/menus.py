@@ -144,12 +144,14 @@ def changed_objects(kind: str, scene: Scene) -> list[str]:
     return [name for name in map(" ".join, product(*ATTRIBUTES.values())) if name not in names]
 
 
-def intervention(kind: str, name: str | None, numbers: Sequence[float]) -> Intervention:
+def intervention(kind: str | None, name: str | None, numbers: Sequence[float]) -> Intervention:
     """The intervention of a kind's object and its sliders' numbers; further numbers are left out.
 
     Raises:
-        DataError: no object is chosen, or a number is impossible.
+        DataError: no kind or no object is chosen, or a number is impossible.
     """
+    if kind not in CHANGES:
+        raise DataError("no change is chosen")
     if not name:
         raise DataError("no object is chosen; pick or upload a clip, then choose one")
     change = CHANGES[kind]

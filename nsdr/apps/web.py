@@ -1,18 +1,18 @@
 """The page to ask on: pick or drop a clip, see what was found, ask, try interventions, and judge. Made with Gradio.
 
 Everything stays on this machine: no analytics, no fonts or scripts from outside (a Content-Security-Policy forbids them), and
-uploads are deleted when the server ends.
+uploads are deleted when they have been looked at. `nsdr.apps.guard` limits what visitors may send.
 """
 
 import html
 import logging
 import os
-import re
+import secrets
 import tempfile
 import threading
-from collections.abc import Awaitable, Callable, Mapping
-from functools import partial, wraps
-from itertools import count
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -20,7 +20,9 @@ from weakref import WeakKeyDictionary
 from nsdr.apps import menus
 from nsdr.apps.clips import Clip, Clips
 from nsdr.apps.comparison import write_comparison
+from nsdr.apps.guard import Guard, delete_upload
 from nsdr.apps.panels import STYLE, answer_panel, difference_panel, notes_panel
+from nsdr.apps.strangers import MAX_CHOICES_CHARACTERS, MAX_QUESTION_CHARACTERS, check_asked, without_folders
 from nsdr.errors import DataError, NsdrError, VideoError
 from nsdr.types.interventions import Intervention
 from nsdr.visualize.annotate import write_annotated_video
@@ -30,9 +32,11 @@ from nsdr.visualize.violations import judgement_html
 log = logging.getLogger(__name__)
 
 QUEUE = 20
-"""Visitors whose work waits; later ones are told to come back."""
-UPLOAD_SECONDS = (600, 24 * 3600)
-"""How often uploads and videos are looked through, and the age at which they are deleted (seconds)."""
+"""Clips and simulations that wait; visitors with further ones are told to come back. Questions do not wait for them."""
+THREADS = 8
+"""Threads for visitors' work: one for clips and simulations, the others for questions. Replies to requests have their own."""
+UPLOAD_SECONDS = (60, 3600)
+"""How often uploads are looked through, and the age at which those that nobody asks about are deleted (seconds)."""
 KEPT_VIDEOS = 30
 """Videos that are kept on the disk, besides those of clips."""
 ERROR_SECONDS = 20
@@ -46,11 +50,6 @@ PRESET = "veryfast"
 INTRODUCTION = """# Ask a video
 Pick or upload a clip of colliding objects, look at what was found in it, then ask, change something and see what happens, or
 see which laws it breaks."""
-POLICY = (
-    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; media-src 'self' data: blob:; worker-src 'self' blob:; object-src 'none'; form-action 'self'"
-)
-"""Content-Security-Policy of every reply: browsers fetch nothing from other hosts."""
 
 
 def serve(
@@ -75,11 +74,16 @@ def serve(
         DataError: the address cannot be listened on.
     """
     with tempfile.TemporaryDirectory(prefix="nsdr-page-") as folder:
-        os.environ |= {"GRADIO_ANALYTICS_ENABLED": "False", "GRADIO_TEMP_DIR": str(Path(folder) / "uploads")}
+        videos, uploads = Path(folder) / "videos", Path(folder) / "uploads"
+        videos.mkdir()
+        os.environ |= {"GRADIO_ANALYTICS_ENABLED": "False", "GRADIO_TEMP_DIR": str(uploads)}
         import gradio as gr
 
-        page = _Page(gr, clips, files, Path(folder)).build()
-        page.queue(max_size=QUEUE)
+        gr.set_static_paths(videos)  # sent as they are, and not copied
+        page = _Page(gr, clips, files, videos).build()
+        page.queue(max_size=QUEUE, api_open=False)
+        megabytes = max_megabytes * 10**6
+        guard = {"uploads": uploads, "max_file_bytes": megabytes, "max_bytes": (QUEUE + 1) * megabytes}
         try:
             _, address, _ = page.launch(
                 server_name=host,
@@ -93,7 +97,8 @@ def serve(
                 footer_links=[],
                 theme=gr.themes.Default(font=["system-ui", "sans-serif"], font_mono=["ui-monospace", "monospace"]),
                 css=STYLE,
-                app_kwargs={"middleware": [(_Policy, (), {})]},
+                max_threads=THREADS,
+                app_kwargs={"middleware": [(Guard, (), guard)]},
             )
         except OSError as e:
             where = f"--host {host} --port {port}"
@@ -105,28 +110,12 @@ def serve(
             page.close(verbose=False)
 
 
-class _Policy:
-    """ASGI middleware that adds the Content-Security-Policy to every reply."""
-
-    def __init__(self, app: Callable[..., Awaitable[None]]) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        async def send_with_policy(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [*message["headers"], (b"content-security-policy", POLICY.encode())]
-            await send(message)
-
-        await self.app(scope, receive, send_with_policy)
-
-
 class _Page:
-    """The page's components and what they do. A visitor's state is the path of the clip."""
+    """The page's components and what they do. A visitor's state is the key of the clip."""
 
     def __init__(self, gr: Any, clips: Clips, files: Mapping[str, Path], folder: Path) -> None:
         self.gr, self.clips, self.files, self.folder = gr, clips, files, folder
         self.shown: WeakKeyDictionary[Clip, tuple[Path, str]] = WeakKeyDictionary()
-        self.names = count()
 
     def build(self) -> Any:
         gr = self.gr
@@ -162,12 +151,14 @@ class _Page:
         gr = self.gr
         with gr.Group():
             hint = "How many collisions happen?"
-            self.question = gr.Textbox(label="Question", placeholder=hint, max_length=500, elem_id="question")
+            self.question = gr.Textbox(
+                label="Question", placeholder=hint, max_length=MAX_QUESTION_CHARACTERS, elem_id="question"
+            )
             self.choices = gr.Textbox(
                 label="Choices, one a line (of questions such as: what caused …, what happens next, what if …)",
                 lines=2,
                 max_lines=10,
-                max_length=3000,
+                max_length=MAX_CHOICES_CHARACTERS,
                 elem_id="choices",
             )
         self.ask = gr.Button("Ask", variant="primary", elem_id="ask")
@@ -192,73 +183,84 @@ class _Page:
         self.difference = gr.HTML(elem_id="difference")
 
     def _connect(self) -> None:
-        told = self._told
+        told = self._told()
         bar = self.gr.Progress()
 
-        def picked(name: str, progress: Any = bar) -> Any:
-            return self._watch(self.files[name], progress)
+        def picked(name: str | None, progress: Any = bar) -> Any:
+            with self._told():
+                if name is None or name not in self.files:
+                    raise DataError("no clip is picked")
+                yield from self._looked_at(self.files[name], progress)
 
-        def uploaded(path: str, progress: Any = bar) -> Any:
-            return self._watch(Path(path), progress)
+        def uploaded(path: str | None, progress: Any = bar) -> Any:
+            with self._told():
+                if not path:
+                    raise DataError("no file was uploaded")
+                try:
+                    yield from self._looked_at(Path(path), progress)
+                finally:
+                    delete_upload(Path(path))
 
         def simulated(
-            path: str, kind: str, name: str, frame: float, a: float, b: float, c: float, d: float, progress: Any = bar
+            key: str, kind: str, name: str, frame: float, a: float, b: float, c: float, d: float, progress: Any = bar
         ) -> Any:
-            return self._simulate(path, menus.intervention(kind, name, [a, b, c, d]), int(frame), progress)
+            with self._told():
+                return self._simulate(key, menus.intervention(kind, name, [a, b, c, d]), frame, progress)
 
         private = {"api_visibility": "private"}
         work = {**private, "concurrency_id": "work", "concurrency_limit": 1}
-        quick = {**private, "concurrency_id": "quick", "concurrency_limit": 4}
+        quick = {**private, "queue": False}  # so it does not wait for the other work
         silent = {**quick, "show_progress": "hidden"}
         change_parts = [self.object, *self.sliders]
         found = [self.clip, self.video, self.notes, self.timeline, self.answer, self.compared, self.difference]
         found += [*self.buttons, self.from_frame, self.change, *change_parts, self.laws]
-        looked = self.pick.input(told(picked), self.pick, found, show_progress_on=self.video, **work)
-        for after in (looked.success, looked.failure):
-            after(told(lambda name: self._judge(self.files[name])), self.pick, self.laws, **work)
+        self.pick.select(picked, self.pick, found, show_progress_on=self.video, **work)
         for place in (self.upload, self.drop):
-            looked = place.upload(told(uploaded), place, found, show_progress_on=self.video, **work)
-            for after in (looked.success, looked.failure):  # whose reason is shown
-                judged = after(told(self._judge), place, self.laws, **work)
-                judged.success(lambda: None, None, self.drop, **silent)  # makes room for the next one
+            looked = place.upload(uploaded, place, found, show_progress_on=self.video, **work)
+            looked.then(lambda: None, None, self.drop, **silent)  # makes room for the next one
+
         asked = [self.clip, self.question, self.choices]
-        self.ask.click(told(self._ask), asked, self.answer, **quick)
-        self.question.submit(told(self._ask), asked, self.answer, **quick)
+        answers = [on(told(self._ask), asked, self.answer, **quick) for on in (self.ask.click, self.question.submit)]
         for index, button in enumerate(self.buttons):
             filled = button.click(
                 told(partial(self._example, index)), self.clip, [self.question, self.choices], **silent
             )
-            filled.success(told(self._ask), asked, self.answer, **quick)
+            answers += [filled, filled.success(told(self._ask), asked, self.answer, **quick)]
+        for answer in answers:
+            answer.failure(lambda: "", None, self.answer, **silent)  # which would be that of another question
         self.change.input(told(self._change), [self.clip, self.change], change_parts, **silent)
         given = [self.clip, self.change, self.object, self.from_frame, *self.sliders]
         outputs = [self.difference, self.compared]
-        self.simulate.click(told(simulated), given, outputs, show_progress_on=self.compared, **work)
+        changed = self.simulate.click(simulated, given, outputs, show_progress_on=self.compared, **work)
+        changed.failure(lambda: ("", None), None, outputs, **silent)
 
-    def _told(self, work: Callable[..., Any]) -> Callable[..., Any]:
-        """The work, whose errors visitors see as one line; those of the program's own are only logged in full."""
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Show a visitor the errors within as one line; those of the program's own are only logged in full."""
+        try:
+            yield
+        except NsdrError as e:
+            raise self.gr.Error(without_folders(str(e)), print_exception=False, duration=ERROR_SECONDS) from e
+        except OSError as e:
+            log.exception("a visitor's request failed")
+            message = f"The server cannot do that now: {e.strerror}. Try again in a few minutes."
+            raise self.gr.Error(message, print_exception=False) from e
+        except Exception as e:
+            log.exception("a visitor's request failed")
+            message = "That failed by a bug in nsdr; the server's output says where."
+            raise self.gr.Error(message, print_exception=False) from e
 
-        @wraps(work)
-        def guarded(*arguments: Any) -> Any:
-            try:
-                return work(*arguments)
-            except NsdrError as e:
-                raise self.gr.Error(_without_folders(str(e)), print_exception=False, duration=ERROR_SECONDS) from e
-            except Exception as e:
-                log.exception("a visitor's request failed")
-                message = "That failed by a bug in nsdr; the server's output says where."
-                raise self.gr.Error(message, print_exception=False) from e
-
-        return guarded
-
-    def _clip(self, path: str) -> Clip:
-        """The visitor's clip."""
-        if not path:
-            raise DataError("there is no clip yet; pick or upload one")
-        return self.clips.watch(path)
+    def _looked_at(self, path: Path, progress: Callable[..., Any]) -> Iterator[dict[Any, Any]]:
+        """What is found in a clip, and then which laws it breaks; the reason where it is refused."""
+        try:
+            yield self._watch(path, progress)
+        except NsdrError as e:
+            yield {self.laws: _not_judged(e)}
+            raise
+        yield {self.laws: self._judge(path)}
 
     def _watch(self, path: Path, progress: Callable[..., Any]) -> dict[Any, Any]:
         """Look at a clip; new values of everything that depends on it."""
-        update = self.gr.update
         clip = self.clips.watch(path, lambda share, text: progress(share, desc=text))
         if clip not in self.shown:
             progress(1.0, desc="drawing what was found")
@@ -269,45 +271,51 @@ class _Page:
             self.shown[clip] = (video, timeline_html(p, frames, "#tracks video"))
         video, timeline = self.shown[clip]
         scene = clip.perception.scene
-        texts = [example.question for example in menus.examples(scene)]
+        texts, update = [example.question for example in menus.examples(scene)], self.gr.update
         buttons = [update(value=text, visible=True) for text in texts]
         buttons += [update(visible=False)] * (EXAMPLES - len(texts))
         change = next(iter(menus.CHANGES))
         return {
             **dict.fromkeys([self.answer, self.difference, self.laws], ""),
-            self.clip: str(path),
+            self.clip: clip.key,
             self.video: str(video),
             self.notes: notes_panel(clip),
             self.timeline: timeline,
             self.compared: None,
             **dict(zip(self.buttons, buttons, strict=True)),
             self.change: change,
-            **self._change(str(path), change),
+            **self._change(clip.key, change),
             self.from_frame: update(maximum=scene.n_frames - 1, value=0),
         }
 
-    def _judge(self, path: str | Path) -> str:
+    def _judge(self, path: Path) -> str:
         """Which laws a clip breaks, or why it is not judged."""
         try:
             judgement, tracks, frames = self.clips.judge(path)
             whole = len(frames) == self.clips.watch(path).perception.scene.n_frames
         except VideoError as e:
-            return f"<div class=panel><p>Not judged: {html.escape(_without_folders(str(e)))}</p></div>"
+            return _not_judged(e)
         return f"<div class=panel>{judgement_html(judgement, tracks, frames, '#tracks video' if whole else '')}</div>"
 
-    def _ask(self, path: str, question: str, choices: str) -> str:
-        clip = self._clip(path)
-        texts = [line.strip() for line in choices.splitlines() if line.strip()]
-        return answer_panel(self.clips.answer(clip, question, texts), clip)
+    def _ask(self, key: str, question: str | None, choices: str | None) -> str:
+        clip = self.clips.kept(key)
+        texts = [line.strip() for line in (choices or "").splitlines() if line.strip()]
+        check_asked(question or "", texts)
+        return answer_panel(self.clips.answer(clip, question or "", texts), clip)
 
-    def _example(self, index: int, path: str) -> tuple[str, str]:
+    def _example(self, index: int, key: str) -> tuple[str, str]:
         """Question and choices of an example's button."""
-        example = menus.examples(self._clip(path).perception.scene)[index]
+        examples = menus.examples(self.clips.kept(key).perception.scene)
+        if index >= len(examples):
+            raise DataError("this clip has no such question")
+        example = examples[index]
         return example.question, "\n".join(example.choices)
 
-    def _change(self, path: str, kind: str) -> dict[Any, Any]:
+    def _change(self, key: str, kind: str | None) -> dict[Any, Any]:
         """The objects and sliders of a kind of change."""
-        names = menus.changed_objects(kind, self._clip(path).perception.scene)
+        if kind not in menus.CHANGES:
+            raise DataError("no change is chosen")
+        names = menus.changed_objects(kind, self.clips.kept(key).perception.scene)
         updates = {self.object: self.gr.update(choices=names, value=next(iter(names), None))}
         sliders = menus.CHANGES[kind].sliders
         for part, slider in zip(self.sliders, sliders, strict=False):
@@ -315,10 +323,10 @@ class _Page:
             updates[part] = self.gr.update(label=slider.label, visible=True, **numbers)
         return updates | {part: self.gr.update(visible=False) for part in self.sliders[len(sliders) :]}
 
-    def _simulate(self, path: str, change: Intervention, frame: int, progress: Callable[..., Any]) -> tuple[str, str]:
-        clip = self._clip(path)
+    def _simulate(self, key: str, change: Intervention, frame: float, progress: Callable[..., Any]) -> tuple[str, str]:
+        clip = self.clips.kept(key)
         progress(0.0, desc="simulating")
-        simulation = self.clips.simulate(clip, [change], frame)
+        simulation = self.clips.simulate(clip, [change], int(frame))
         video = self._new_file()
 
         def drawing(done: int, total: int) -> None:
@@ -328,18 +336,13 @@ class _Page:
         return difference_panel(simulation), str(video)
 
     def _new_file(self) -> Path:
-        """A file for a video; the oldest ones are deleted, of which Gradio keeps copies for a while."""
+        """A file for a video, whose name no visitor can guess; the oldest ones are deleted."""
         files = sorted(self.folder.glob("*.mp4"), key=lambda file: file.stat().st_mtime)
         for old in files[: max(len(files) - KEPT_VIDEOS, 0)]:
             if all(old != video for video, _ in self.shown.values()):
                 old.unlink()
-        return self.folder / f"{next(self.names)}.mp4"
+        return self.folder / f"{secrets.token_hex(16)}.mp4"
 
 
-def _without_folders(message: str) -> str:
-    """The message with the names of files for their paths, which are of no use to visitors.
-
-    Folders with spaces are told from words only at the start, where errors name their file.
-    """
-    message = re.sub(r"\A/(?:[^/:\n]+/)+", "", message)
-    return re.sub(r"(?<!\S)/(?:[^\s/:]+/)+(?=[^\s/:]+)", "", message)
+def _not_judged(reason: NsdrError) -> str:
+    return f"<div class=panel><p>Not judged: {html.escape(without_folders(str(reason)))}</p></div>"
