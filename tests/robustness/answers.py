@@ -58,4 +58,10 @@ def answer_controls() -> Iterator[Case]:
     """Good files of answers: every one must be accepted."""
     yield Case("control", "answers.jsonl", _score("{good}/answers.jsonl"))
     content = json.dumps(json_line_answers()[0]) + "\n\n"
+    for mark in (".", "-", "<", "```", "{", "<answer>", "A "):
+        rows = [
+            {"id": good["id"], "response": "<answer>The" + mark * (99_000 // len(mark)) + "red</answer>"}
+            for good in json_line_answers()
+        ]
+        yield Case("control", f"answers of repeated {mark!r}", _score("a.jsonl"), text_writer("a.jsonl", _text(rows)))
     yield Case("control", "one answer, empty line", _score("a.jsonl"), text_writer("a.jsonl", content))

@@ -3,6 +3,7 @@
 import random
 from collections.abc import Iterator
 
+from tests.robustness.agents import agent_cases
 from tests.robustness.answers import answer_file_cases
 from tests.robustness.archives import archive_cases
 from tests.robustness.case import Case
@@ -14,6 +15,7 @@ from tests.robustness.files import file_cases
 from tests.robustness.library import library_cases
 from tests.robustness.options import option_cases
 from tests.robustness.texts import text_cases
+from tests.robustness.videos import hostile_video_cases
 
 
 def all_cases() -> list[Case]:
@@ -34,6 +36,8 @@ def _cases() -> Iterator[Case]:
     yield from answer_file_cases()
     yield from library_cases()
     yield from data_set_cases()
+    yield from agent_cases()
+    yield from hostile_video_cases()
 
 
 def sample_cases(count: int, seed: int) -> list[Case]:

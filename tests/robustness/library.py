@@ -11,6 +11,7 @@ from nsdr.clevrer.example import TRUTH
 from nsdr.cli.main import outcome_of
 from nsdr.dynamics.interventions import resolve
 from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
+from tests.robustness.agents import call_tool
 from tests.robustness.case import Case, raw, removed, replaced, text_writer
 from tests.robustness.data_sets import changed, data_set
 from tests.robustness.documents import CHANGES, DOCUMENTS
@@ -63,7 +64,7 @@ def _narrated(**changes: Any) -> Any:
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "rewards": _exact, "evidence": _evidence, "videos": _videos,
     "verify": lambda text, **options: nsdr.verify(text, _scene(), **options),
-    "narrate": _narrated,
+    "narrate": _narrated, "agent": call_tool,
 }  # fmt: skip
 """What is called by name, with JSON arguments."""
 CHANGED: dict[str, Callable[[], Any]] = {
