@@ -20,7 +20,7 @@ import numpy as np
 from video_kinds import ALTERED, FOREIGN, RATES, Frames
 
 from nsdr.frame_parser.check import ground
-from nsdr.frame_parser.check.shots import MIN_CHANGE, SAME, change, is_cut
+from nsdr.frame_parser.check.shots import MIN_CHANGE, SAME, change, is_cut, small_gray
 from nsdr.frame_parser.check.video import VideoConfig, check_video, clip_frames
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
@@ -59,7 +59,7 @@ def print_cuts(clips: list[Path]) -> None:
         original = read_video(clip)
         for rate in (25, *RATES.values()):
             frames = at_rate(original, rate)
-            changes = [c for a, b in pairwise(frames) if (c := change(a, b)) > SAME]
+            changes = [c for a, b in pairwise(map(small_gray, frames)) if (c := change(a, b)) > SAME]
             found = [is_cut(a, b, c) for a, b, c in zip(changes, changes[1:], changes[2:], strict=False)]
             jumps = [
                 b / max(a, c) for a, b, c in zip(changes, changes[1:], changes[2:], strict=False) if b > MIN_CHANGE

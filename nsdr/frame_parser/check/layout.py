@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.check.ground import COLUMNS, ROWS, best_fit, cells
+from nsdr.frame_parser.check.ground import COLUMNS, ROWS, best_fit, cells, over_channels
 from nsdr.io.video import Layout
 from nsdr.validation import FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -53,7 +53,7 @@ def content_box(median: NDArray[Any]) -> Box:
 def _bar(image: FloatArray) -> int:
     """Width of the bar at the left side (pixels)."""
     color = np.median(image[:, 0], 0)
-    deviation = np.quantile(np.abs(image - color).max(2), 1 - OUTLIERS, axis=0)
+    deviation = np.quantile(over_channels(np.maximum, np.abs(image - color)), 1 - OUTLIERS, axis=0)
     width = int(np.argmax(deviation > MAX_DEVIATION))
     inside = min(width + EDGE_PX, image.shape[1] - 1)
     step = np.quantile(np.abs(image[:, inside] - color).mean(1), STEP_QUANTILE)

@@ -16,8 +16,9 @@ from nsdr.frame_parser.check.ground import (
     cells,
     corrected_levels,
     fit_cells,
+    over_channels,
 )
-from nsdr.frame_parser.check.shots import change
+from nsdr.frame_parser.check.shots import change, small_gray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS
 
@@ -118,7 +119,8 @@ def reasons(
     if noise > MAX_NOISE:
         yield Reason(bool(noise > FOREIGN_NOISE), f"it is noisy: still pixels change by {noise:.0f} of 255 levels")
         return
-    if len(frames) > 1 and max(change(frames[0], frame) for frame in frames[1:]) < MIN_MOTION:
+    first, *others = map(small_gray, frames)
+    if others and max(change(first, other) for other in others) < MIN_MOTION:
         yield Reason(False, f"nothing moves in the first {len(frames) * SPACING_FRAMES / FPS:.1f} s")
     if not is_foreign(ground):
         moved = camera_motion(frames)
@@ -151,8 +153,7 @@ def _of_the_ground(ground: GroundFit, corrected: str) -> Iterator[Reason]:
 
 
 def _of_the_colors(frames: NDArray[np.uint8], ground: GroundFit) -> Iterator[Reason]:
-    spread = frames.max(3) - frames.min(3)
-    if ground.color < FOREIGN_COLOR and np.quantile(spread, SATURATION_QUANTILE) < MIN_SATURATION:
+    if ground.color < FOREIGN_COLOR and _is_grey(frames):
         yield Reason(True, "it is in shades of grey")
     elif ground.color < -FOREIGN_COLOR:
         yield Reason(True, "its colours are exchanged, such as red and blue")
@@ -161,6 +162,11 @@ def _of_the_colors(frames: NDArray[np.uint8], ground: GroundFit) -> Iterator[Rea
         yield Reason(ground.color < FOREIGN_COLOR, text, unfit=True)
     elif abs(ground.tint) > MAX_TINT:
         yield Reason(False, f"it is tinted {'red' if ground.tint > 0 else 'blue'}; colours may be wrong")
+
+
+def _is_grey(frames: NDArray[np.uint8]) -> bool:
+    spread = over_channels(np.maximum, frames) - over_channels(np.minimum, frames)
+    return bool(np.quantile(spread, SATURATION_QUANTILE) < MIN_SATURATION)
 
 
 def camera_motion(frames: NDArray[np.uint8]) -> float:

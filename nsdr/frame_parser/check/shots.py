@@ -24,11 +24,15 @@ JUMP = 5.0
 where frames were left out or repeated unevenly."""
 
 
-def change(frame: NDArray[np.uint8], following: NDArray[np.uint8]) -> float:
-    """Share of pixels (0-1) that differ between two frames (height, width, 3)."""
-    small = (cv2.resize(f, GRAY_SIZE, interpolation=cv2.INTER_AREA) for f in (frame, following))
-    first, second = (cv2.cvtColor(f, cv2.COLOR_RGB2GRAY) for f in small)
-    return float((cv2.absdiff(first, second) > CHANGED).mean())
+def small_gray(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A frame (height, width, 3) RGB as the small grey image (80, 120) that `change` compares."""
+    small = cv2.resize(frame, GRAY_SIZE, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
+
+
+def change(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
+    """Share of pixels (0-1) that differ between two frames, of which the `small_gray` are given."""
+    return np.count_nonzero(cv2.absdiff(first, second) > CHANGED) / first.size
 
 
 def is_cut(before: float, now: float, after: float) -> bool:
@@ -38,7 +42,7 @@ def is_cut(before: float, now: float, after: float) -> bool:
 
 def until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The frames (F, height, width, 3) of a sample before its first cut."""
-    changes = [0.0, *(change(a, b) for a, b in pairwise(frames))]
+    changes = [0.0, *(change(a, b) for a, b in pairwise(map(small_gray, frames)))]
     for k in range(1, len(frames) - 1):
         if is_cut(changes[k - 1], changes[k], changes[k + 1]):
             return frames[:k]
@@ -51,24 +55,25 @@ def first_shot(frames: Iterator[NDArray[np.uint8]], max_frames: int, note: Note)
     Frames that are repeated count as one for the changes.
     """
     before, now = 0.0, 0.0
-    last: NDArray[np.uint8] | None = None
+    last: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None  # a frame and its small image
     held: list[NDArray[np.uint8]] = []
     n = 0
     for frame in frames:
-        after = 0.0 if last is None or frame is last else change(last, frame)
+        following = last if last is not None and frame is last[0] else (frame, small_gray(frame))
+        after = 0.0 if last is None else change(last[1], following[1])
         if after > SAME:
             if n and is_cut(before, now, after):
                 note(f"a cut after {n} frames ({n / FPS:.1f} s); only what is before it is used")
                 return
             yield from held
             n += len(held)
-            held, before, now, last = [], now, after, frame
+            held, before, now, last = [], now, after, following
         if n + len(held) == max_frames:
             yield from held
             note(too_long(max_frames))
             return
         held.append(frame)
-        last = frame if last is None else last
+        last = following if last is None else last
     yield from held
 
 
