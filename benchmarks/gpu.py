@@ -45,8 +45,8 @@ TARGET = 400
 """Frames per second from video to answer that one GPU should reach."""
 EVALUATED_BATCH = 32
 """Frames in a batch of the frame parser, from video to answer."""
-ADDED_VIDEOS = 16
-"""Videos for each process that a longer run from video to answer has more than a shorter one."""
+ADDED_VIDEOS = 48
+"""Videos that a longer run from video to answer has more than a shorter one."""
 UNTIMED = ("results", "one step", "resumed")
 """Kinds of rows that find no times, so that several of them are measured at once."""
 GIB = 2**30
@@ -99,7 +99,7 @@ def video_to_answer(setting: Setting, workers: int, batch_size: int) -> Result:
     """Frames per second of `nsdr evaluate`: of the videos that a longer run has more than a shorter one, so without start."""
     split, folder, on_gpu = setting.videos(), setting.work / "copies", setting.real != "cpu"
     sources, asked = [path.read_bytes() for path in split.entries("videos").values()], split.questions()
-    few, many = (1, 2) if setting.small else (2 * workers, (2 + ADDED_VIDEOS) * workers)
+    few, many = (1, 2) if setting.small else (2 * workers, 2 * workers + ADDED_VIDEOS)
     folder.mkdir(exist_ok=True)
     scenes = []
     for i in range(many):
