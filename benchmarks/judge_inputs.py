@@ -6,7 +6,6 @@ how many others, which laws seem to be broken, how wide edges are (pixels), and 
 
 import argparse
 import tempfile
-import warnings
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -87,7 +86,6 @@ def main() -> None:
     parser.add_argument("clips", type=Path, nargs="+")
     parser.add_argument("--kinds", nargs="+", default=list(KINDS))
     options = parser.parse_args()
-    warnings.simplefilter("ignore")
     pipeline = Pipeline.from_pretrained(config=PipelineConfig(video=VideoConfig("warn")))
     clips = [read_video(clip) for clip in options.clips]
     known = [{o.name for o in pipeline.judge(clip).objects} for clip in options.clips]

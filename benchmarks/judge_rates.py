@@ -6,7 +6,6 @@ interpolation: 12.5 frames a second are a stride of 2. Shorter ones are cut out 
 """
 
 import argparse
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +65,6 @@ def main() -> None:
     parser.add_argument("official", type=Path)
     parser.add_argument("--every", type=int, default=1, help="every n-th official video")
     o = parser.parse_args()
-    warnings.simplefilter("ignore")
     official = [p for _, p in read_compact_proposals(o.official)][:: o.every]
     truths = [read_truth_file(path) for path in find_files(o.suite / "truth", "truth_*.json")]
     folder = o.suite / "derender_proposals"

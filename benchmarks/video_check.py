@@ -8,7 +8,6 @@ instead. `--cuts` prints the largest jumps of each clip at several frame rates.
 import argparse
 import tempfile
 import time
-import warnings
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -72,11 +71,10 @@ def judge(path: Path, kind: str, right: str, work: Path) -> bool:
     began = time.process_time()
     check = check_video(path, VideoConfig("warn"))
     seconds = time.process_time() - began
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
-        n = sum(1 for _ in clip_frames(path, VideoConfig("warn")))
-    found = "warned" if check.kind == "in" and warned else check.kind
-    reasons = "; ".join(str(w.message).split(": ", 1)[1] for w in warned)
+    notes: list[str] = []
+    n = sum(1 for _ in clip_frames(path, VideoConfig("warn"), note=notes.append))
+    found = "warned" if check.kind == "in" and notes else check.kind
+    reasons = "; ".join(notes)
     g = check.ground
     figures = (
         f"D {g.distance:5.2f} g {g.gain:5.2f} b {g.brightness:4.0f} c {g.color:5.2f} t {g.tint:3.0f}" if g else " " * 37
@@ -100,7 +98,6 @@ def main() -> None:
     if options.references or options.cuts:
         (make_references if options.references else print_cuts)(options.clips)
         return
-    warnings.simplefilter("ignore")
     total = wrong = 0
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "video.mp4"

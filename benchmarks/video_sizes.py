@@ -1,7 +1,6 @@
 """Sizes of objects in videos relative to what is expected at their places: `python benchmarks/video_sizes.py PROPOSALS.npz`."""
 
 import argparse
-import warnings
 from itertools import islice
 from pathlib import Path
 
@@ -17,7 +16,6 @@ def main() -> None:
     parser.add_argument("proposals", type=Path)
     parser.add_argument("--limit", type=int, default=300, help="videos")
     options = parser.parse_args()
-    warnings.simplefilter("ignore")
     found = [size_ratio(track(p)) for _, p in islice(read_compact_proposals(options.proposals), options.limit)]
     ratios = np.array([ratio for ratio in found if ratio is not None])
     deviation = np.exp(np.abs(np.log(ratios / TYPICAL_RATIO)).max(1))

@@ -4,6 +4,7 @@ import json
 import pkgutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -149,12 +150,16 @@ def test_proposals_round_trip_in_the_official_format(tmp_path) -> None:
     rows = [(0, 7, 0.99, square(5, 6)), (2, 20, 0.5, square(100, 100))]
     proposals = proposals_from_rows(3, rows)
     document = proposals_document(proposals, "video_00012.mp4")
+    assert "notes" not in document
+    proposals = replace(proposals, notes=("3 frames, CLEVRER's videos have 128",))
+    document = proposals_document(proposals, "video_00012.mp4")
     assert [len(f["objects"]) for f in document["frames"]] == [1, 0, 1]
     (tmp_path / "p.json").write_text(json.dumps(document))
     back = read_proposals(tmp_path / "p.json")
     assert back.n_frames == 3
     np.testing.assert_array_equal(back.box_xyxy_px, proposals.box_xyxy_px)
     np.testing.assert_array_equal(back.attribute, proposals.attribute)
+    assert back.notes == proposals.notes
 
 
 def test_malformed_proposals_name_the_location(tmp_path) -> None:

@@ -30,6 +30,21 @@ def test_answer_from_what_save_wrote(capsys, tmp_path) -> None:
     assert run(capsys, *execute)[:2] == (0, "6\n")
 
 
+def test_notes_are_lines_of_stderr_or_stand_in_the_json(capsys, tmp_path, small_scene) -> None:
+    save(replace(small_scene, notes=("darker than usual",)), tmp_path / "scene.json")
+    ask = ["answer", str(tmp_path / "scene.json"), "-q", "How many spheers are there?"]
+    assert main(ask) == 0
+    found = capsys.readouterr()
+    assert found.out == "2\n"
+    assert found.err.splitlines() == ["note: darker than usual", "note: read 'spheers' as 'spheres'"]
+    assert main([*ask, "--json"]) == 0
+    found = capsys.readouterr()
+    assert json.loads(found.out)["notes"] == ["darker than usual", "read 'spheers' as 'spheres'"]
+    assert found.err == ""
+    assert main(["parse-question", "How many spheers are there?"]) == 0
+    assert capsys.readouterr().err == "note: read 'spheers' as 'spheres'\n"
+
+
 def test_answers_come_with_their_probabilities(capsys, tmp_path) -> None:
     scene = load(Scene, TRUTH)
     hit = next(e for e in scene.events if e.kind == "collision")

@@ -1,5 +1,6 @@
 """What the docs tell people to do: commands have their options, and examples print what stands below them."""
 
+import ast
 import contextlib
 import io
 import re
@@ -15,6 +16,7 @@ from nsdr.cli.main import main
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+CODE = sorted((ROOT / "nsdr").rglob("*.py"))
 EXAMPLES = ("README.md", "docs/quickstart.md", "docs/interventions.md", "docs/page.md", "docs/rewards.md")
 """Pages whose Python runs as it stands; that of docs/export.md and docs/plugins.md has tests of its own."""
 ANYWHERE = ("--field", "--from", "--help", "--keep-going", "-o")
@@ -56,6 +58,42 @@ def test_commands_and_their_options_exist(page: Path) -> None:
         for option in re.findall(r"(?<![\w.-])--?[a-z][\w-]*(?![\w.]*\.)", re.sub(r"'[^']*'", "", command)):
             exists = option in ANYWHERE or any(line.endswith(f" {option}") for line in of_name)
             assert exists, f"{page.name}: {option} in {command}"
+
+
+SAYS_NOTES = ("note", "with_notes", "Reason")
+"""Functions whose arguments are notes, or reasons that become notes."""
+NOTE_LISTS = ("notes", "warned", "refused", "unfit")
+"""Lists that notes are added to."""
+
+
+def says_notes(node: ast.AST) -> bool:
+    """Whether a piece of code makes a note, and does not only pass it on."""
+    parts: list[ast.AST] = []
+    if isinstance(node, ast.FunctionDef):  # such as `size_notes`
+        gives_notes = node.name.endswith("_notes") and node.returns is not None
+        parts = [*node.body[1:]] if gives_notes and "str" in ast.unparse(node.returns) else []
+    elif isinstance(node, ast.AugAssign):
+        parts = [node.value] if ast.unparse(node.target) in NOTE_LISTS else []
+    elif isinstance(node, ast.Call):
+        name = ast.unparse(node.func)
+        is_note = name.split(".")[-1] in SAYS_NOTES or name in [f"{known}.append" for known in NOTE_LISTS]
+        parts = [*node.args] if is_note else []
+    texts = [t for part in parts for t in ast.walk(part) if isinstance(t, ast.Constant | ast.JoinedStr)]
+    return any(isinstance(t, ast.JoinedStr) or isinstance(t.value, str) for t in texts)
+
+
+def test_every_note_is_in_the_list() -> None:
+    """Each module that makes notes is named there, and what is quoted from a module stands in its code."""
+    page = (ROOT / "docs" / "notes.md").read_text().partition("## All notes")[2]
+    rows = re.findall(r"^\| (`.*`) \|.*\| `(nsdr[\w.]+)` \|$", page, flags=re.MULTILINE)
+    listed = {module for _, module in rows}
+    sources = {path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."): path.read_text() for path in CODE}
+    making = {module for module, text in sources.items() if any(says_notes(n) for n in ast.walk(ast.parse(text)))}
+    assert making == listed
+    for notes, module in rows:
+        for note in re.findall(r"`([^`]+)`", notes):
+            fixed = max(re.split(r"\b[A-Z]+\b|WxH|\d+(?:x\d+)?|…|['(;:]", note), key=len).strip()
+            assert fixed in re.sub(r'"\s*f?"', "", sources[module]), f"{note}: not in {module}"
 
 
 RUNNABLE = [

@@ -19,7 +19,7 @@ from nsdr.dynamics.interventions import simulate_removal
 from nsdr.pipeline import Perception
 from nsdr.types import Rollout
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore:.*CLEVRER's videos have 128")
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 NEXT = "What will happen next?"
 TOOLS = ["ask", "perceive", "run_program", "simulate"]
 
@@ -70,6 +70,11 @@ def test_seeing_and_asking(server) -> None:
     count = call(server, "ask", video="clips/a.mp4", question="How many collisions happen?").structured_content
     assert count["answer"] == str(len(collisions))
     assert count["program"].startswith(f"count: {len(collisions)}")
+    (short,) = scene["notes"]
+    assert "48 frames" in short
+    assert count["notes"] == [short]
+    misspelt = call(server, "ask", video="clips/a.mp4", question="How many spheers are there?").structured_content
+    assert misspelt["notes"] == [short, "read 'spheers' as 'spheres'"]
     removed = scene["objects"][0]
     what_if = call(
         server,
@@ -107,6 +112,7 @@ def test_changing(server) -> None:
     found = call(server, "simulate", video="clips/a.mp4", changes=changes).structured_content
     assert found["interventions"] == [f"without the {names[0]}"]
     assert not any(names[0] in e["objects"] for e in found["events"] if e["kind"] == "collision")
+    assert any("48 frames" in note for note in found["notes"])
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The whole system on the clip that ships with the package, from pixels."""
 
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +19,14 @@ from nsdr import (
     VideoConfig,
     VideoError,
     VideoProposals,
+    load,
+    save,
 )
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.cli.simulate import _report as report_lines
+from nsdr.frame_parser.check.video import VideoCheck
+from nsdr.io.video import read_video, write_video
 from nsdr.pipeline import Perception
 
 
@@ -201,8 +206,6 @@ def test_a_missing_video_is_a_clear_error(pipeline: Pipeline, tmp_path) -> None:
 def test_a_short_video_works(pipeline: Pipeline, tmp_path) -> None:
     import cv2
 
-    from nsdr.io.video import read_video
-
     frames = read_video(VIDEO)[:40]
     writer = cv2.VideoWriter(str(tmp_path / "short.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 25, (480, 320))
     for frame in frames:
@@ -210,8 +213,39 @@ def test_a_short_video_works(pipeline: Pipeline, tmp_path) -> None:
     writer.release()
     scene = pipeline.scene(tmp_path / "short.mp4")
     assert scene.n_frames == 40
-    assert any("40 frames" in note for note in scene.notes)
-    assert pipeline.scene(tmp_path / "short.mp4").notes == scene.notes
+
+
+def test_what_is_unusual_and_how_a_question_was_read_stands_in_every_result(
+    pipeline: Pipeline, tmp_path, monkeypatch
+) -> None:
+    video = tmp_path / "dark.mp4"
+    write_video(video, (read_video(VIDEO)[:40] * 0.6).astype(np.uint8), crf=10, preset="veryfast")
+    p = pipeline.perceive(video)
+    dark, short = p.scene.notes
+    assert "darker" in dark
+    assert "40 frames" in short
+    read = "read 'spheers' as 'spheres'"
+    answer = pipeline.answer(video, "How many spheers are there?")  # of a video that was seen before
+    assert answer.notes == (dark, short, read)
+    choices = ["The cyan sphere and the purple cube collides", "The cyan spheer exits the scene"]
+    judged = pipeline.answer(video, "What will happen next?", choices)
+    assert judged.notes == (dark, short, "read 'spheer' as 'sphere'")
+    simulation = pipeline.simulate(video, [Remove("purple cube")])
+    assert simulation.notes == simulation.scene.notes == (dark, short)
+    assert pipeline.judge(video).notes == (dark, short)
+    # Also where a scene is made of what was kept.
+    save(p.scene, tmp_path / "scene.json")
+    assert pipeline.answer(load(Scene, tmp_path / "scene.json"), "How many spheers are there?").notes == answer.notes
+    assert pipeline.perceive(proposals=p.proposals).scene.notes == p.scene.notes
+    assert pipeline.perceive(tracks=p.tracks).scene.notes == p.scene.notes
+    # Nothing that was found unfit is lost.
+    forced = copy(pipeline)
+    forced.video = VideoConfig("warn", max_frames=30)
+    monkeypatch.setattr("nsdr.pipeline.check_video", lambda *_: VideoCheck(unfit=("blurred",)))
+    monkeypatch.setattr("nsdr.pipeline.size_notes", lambda *_: ("too large",))
+    notes = forced.judge(video).notes
+    assert set(notes) >= {dark, "blurred", "too large"}
+    assert any("longer than 30 frames" in note for note in notes)
 
 
 def test_a_replaced_part_takes_effect(pipeline: Pipeline, perception: Perception, monkeypatch) -> None:

@@ -147,6 +147,19 @@ def test_every_program_is_told_in_words_or_refused_in_words(executor: Executor, 
     assert narrate(answer, executor.scene).endswith(f"<answer>{answer.answer}</answer>")
 
 
+def test_notes_travel_with_a_program() -> None:
+    choice = Program.parse("objects cube filter_shape unique").with_notes("read 'cueb' as 'cube'")
+    question = Program.parse("events events objects filter_out unique filter_ancestor belong_to").with_notes(
+        "a", "b", "a"
+    )
+    assert question == Program.parse(question.tokens)
+    assert Program.parse(question.tokens).notes == ()
+    joined = choice.then(question)
+    assert joined.notes == ("read 'cueb' as 'cube'", "a", "b")
+    assert pickle.loads(pickle.dumps(joined)).notes == copy.deepcopy(joined).notes == joined.notes
+    assert Program.parse(joined).notes == joined.notes
+
+
 def test_questions_that_judge_a_choice_can_be_pickled() -> None:
     question = Program.parse("unseen_events belong_to")
     assert pickle.loads(pickle.dumps(question)).needs_choice

@@ -150,6 +150,20 @@ def test_plan_shows_all_objects_and_collisions_with_their_names() -> None:
     figure_png(figure)
 
 
+def test_plan_shows_as_seen_only_what_is_in_the_image() -> None:
+    """An object that enters at frame 40 and leaves at frame 50; its motion is known in all frames."""
+    o = SceneObject(0, "red", "metal", "cube")
+    location = np.stack([np.zeros(80), np.linspace(-3, 3, 80)], -1)[None]
+    visible = np.zeros((1, 80), bool)
+    visible[0, 40:50] = True
+    figure = plan_figure(DynamicsPrediction((o,), 60, Rollout(location, visible, ())))
+    lines = [line for line in figure.axes[0].lines if line.get_marker() == "None"]
+    solid, dashed = (np.flatnonzero(np.isfinite(line.get_xdata())) for line in lines)
+    assert solid.tolist() == list(range(40, 50))
+    assert dashed.tolist() == [*range(41), *range(49, 80)]
+    figure_png(figure)
+
+
 def test_stars_of_the_causal_figure_are_on_no_objects_row(perceived) -> None:
     scene = perceived[1].scene
     figure = causal_figure(scene)

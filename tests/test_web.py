@@ -1,5 +1,6 @@
 """What is behind the page to ask on, without a browser and without Gradio."""
 
+import html
 import json
 import os
 import threading
@@ -14,9 +15,9 @@ import pytest
 
 from nsdr import DataError, Event, Executor, Scene, VideoConfig, VideoError
 from nsdr.apps import menus, web
-from nsdr.apps.clips import KEPT_CLIPS, Clips
+from nsdr.apps.clips import KEPT_CLIPS, Clip, Clips
 from nsdr.apps.guard import Guard, delete_upload
-from nsdr.apps.panels import rests_on
+from nsdr.apps.panels import answer_panel, notes_panel, rests_on
 from nsdr.apps.strangers import without_folders
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.proposals import proposals_from_rows
@@ -27,6 +28,7 @@ from nsdr.pipeline import Perception
 from nsdr.question_parser.grammar import GrammarParser
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.types import Add, Judgement, Remove, SetVelocity, VideoProposals
+from nsdr.visualize.html_parts import jpeg
 from nsdr.world.camera import CLEVRER_CAMERA
 
 
@@ -97,6 +99,17 @@ def test_long_clips_and_other_files_are_refused_before_the_work(
     with pytest.raises(VideoError, match="is a text file"):
         Clips(pipeline, 2).watch(tmp_path / "text.mp4")
     assert pipeline.perceived == 0
+
+
+def test_each_note_is_shown_once(small_scene: Scene, tmp_path: Path) -> None:
+    """Those of the clip below the video, others beside the result that they are about."""
+    scene = replace(small_scene, notes=("it is <dark>",))
+    clip = Clip(tmp_path / "a.mp4", Perception(None, None, None, scene), (jpeg(np.zeros((320, 480, 3), np.uint8)),))
+    program = GrammarParser().parse("How many cubes are there?").with_notes("read 'cueb' as 'cube'")
+    answer = answer_panel(Executor(scene).answer(program), clip)
+    assert "it is <dark>" in notes_panel(clip)
+    assert html.escape("read 'cueb' as 'cube'") in answer
+    assert "dark" not in answer
 
 
 def test_examples_are_read_and_can_be_answered(small_scene: Scene) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from nsdr.apps.clips import Clip
 from nsdr.types import Answer, Scene, Simulation, TraceStep
 from nsdr.visualize.event_words import change_text, interventions_text
-from nsdr.visualize.html_parts import answer_html, summary_html, thumbnail
+from nsdr.visualize.html_parts import answer_html, notes_html, summary_html, thumbnail
 from nsdr.visualize.violations import VIOLATIONS_STYLE
 
 MAX_FRAMES = 6
@@ -27,7 +27,7 @@ border-width: 1px 0 0 !important }
 color: inherit }
 .panel pre { overflow-x: auto; font-size: .85em; line-height: 1.35; padding: .6em; background: #8881 }
 .panel code { overflow-wrap: anywhere; font-size: .85em } .panel td img { width: 110px }
-.panel summary { cursor: pointer; opacity: .7 }
+.panel .note { opacity: .75 } .panel summary { cursor: pointer; opacity: .7 }
 .panel .correct { color: #177245 } .panel .wrong, .panel .error { color: #a33 }
 .dark .panel .correct { color: #6cc796 } .dark .panel .wrong, .dark .panel .error { color: #e58a8a }
 .panel .cards > div { padding: 4px }
@@ -41,7 +41,8 @@ def answer_panel(answer: Answer, clip: Clip) -> str:
     frames = clip.frames()
     shown = _frames(answer, clip, frames)
     why = answer_html(answer, clip.perception, frames)
-    return f"<div class=panel>{summary_html(answer, named=True)}{shown}{why}</div>"
+    summary = summary_html(answer, named=True, known=clip.perception.scene.notes)
+    return f"<div class=panel>{summary}{shown}{why}</div>"
 
 
 def rests_on(trace: Sequence[TraceStep], scene: Scene) -> dict[int, tuple[int, ...]]:
@@ -75,12 +76,13 @@ def _frames(answer: Answer, clip: Clip, frames: NDArray[np.uint8]) -> str:
     return f"<div class=cards>{''.join(cards)}</div>"
 
 
-def difference_panel(simulation: Simulation) -> str:
-    """What was changed, and what happens otherwise, with probabilities."""
+def difference_panel(simulation: Simulation, clip: Clip) -> str:
+    """What was changed in a clip, and what happens otherwise, with probabilities."""
     lines = [f"<li>{html.escape(change_text(simulation, change))}" for change in simulation.differences()]
     what = "".join(lines) or "<li>nothing else changes"
     head = html.escape(interventions_text(simulation))
-    return f"<div class=panel><p><b>{head[:1].upper()}{head[1:]}</b></p><ul>{what}</ul></div>"
+    notes = notes_html(simulation.notes, known=clip.perception.scene.notes)
+    return f"<div class=panel><p><b>{head[:1].upper()}{head[1:]}</b></p><ul>{what}</ul>{notes}</div>"
 
 
 def notes_panel(clip: Clip) -> str:

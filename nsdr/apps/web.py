@@ -12,6 +12,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -292,7 +293,9 @@ class _Page:
         """Which laws a clip breaks, or why it is not judged."""
         try:
             judgement, tracks, frames = self.clips.judge(path)
-            whole = len(frames) == self.clips.watch(path).perception.scene.n_frames
+            scene = self.clips.watch(path).perception.scene
+            judgement = replace(judgement, notes=tuple(n for n in judgement.notes if n not in scene.notes))
+            whole = len(frames) == scene.n_frames
         except VideoError as e:
             return _not_judged(e)
         return f"<div class=panel>{judgement_html(judgement, tracks, frames, '#tracks video' if whole else '')}</div>"
@@ -333,7 +336,7 @@ class _Page:
             progress(done / total, desc=f"drawing frame {done}")
 
         write_comparison(video, list(clip.frames()), simulation, PRESET, drawing, clip.perception.camera)
-        return difference_panel(simulation), str(video)
+        return difference_panel(simulation, clip), str(video)
 
     def _new_file(self) -> Path:
         """A file for a video, whose name no visitor can guess; the oldest ones are deleted."""

@@ -10,7 +10,7 @@ from jsonargparse.typing import NonNegativeInt, NotEmptyStr, PositiveInt
 
 from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, SceneQuestions, read_questions, write_questions
-from nsdr.cli.common import check_outputs, failures_line, settings_of, shared_options
+from nsdr.cli.common import check_outputs, failures_line, print_notes, settings_of, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output_folder
 
@@ -43,6 +43,10 @@ def evaluate(options: Any) -> int:
     check_output_folder(config.cache)
     report = run_evaluation(config)
     print(format_table(report))
+    if report["notes"]:
+        scene, (first, *_) = next(iter(report["notes"].items()))
+        kept = f"; {options.output} has them all" if options.output else "; -o FILE.json keeps them all"
+        print_notes([f"{len(report['notes'])} scenes have notes, such as scene {scene}: {first}{kept}"])
     if report["unlabelled"] and not (options.output or options.submission):
         print("nothing was written: --submission or --output names a file for the answers")
     if options.output:

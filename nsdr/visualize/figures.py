@@ -37,10 +37,11 @@ NUMBER_OFFSET_PT = (6, 4)
 
 
 def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, camera: Camera = CLEVRER_CAMERA) -> Any:
-    """The ground from above: trajectories solid, after the video dashed, and collisions as numbered stars.
+    """The ground from above: trajectories solid while an object is in the image, dashed before it enters, after it leaves and
+    after the video; and collisions as numbered stars.
 
     Stars of observed collisions are filled. The legend has the names of the objects and the frames of the collisions. With an
-    object removed, grey lines are the observed trajectories.
+    object removed, grey lines are the trajectories with it.
 
     Args:
         prediction: from a dynamics backend.
@@ -63,16 +64,19 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, came
     last = prediction.n_frames - 1
     for o in prediction.objects:
         color = np.array(COLORS_RGB[o.color]) / 255
-        path = _on_plan(prediction.observed.location_world[o.id])
+        drawn = prediction.observed if o.id == removed else rollout
+        path, seen = _on_plan(drawn.location_world[o.id]), drawn.visible[o.id].copy()
+        seen[last + 1 :] = False
         if o.id == removed:
-            axes.plot(*path[: last + 1].T, color="0.75", lw=1.5, ls=":")
+            axes.plot(*_where(seen, path).T, color="0.75", lw=1.5, ls=":")
         else:
             if removed is not None:
-                axes.plot(*path.T, color="0.8", lw=1)
-            path = _on_plan(rollout.location_world[o.id])
-            axes.plot(*path[: last + 1].T, color=color, lw=2)
-            axes.plot(*path[last:].T, color=color, lw=2, ls=(0, (3, 2)))
-        known = path[: last + 1][np.isfinite(path[: last + 1, 0])]
+                axes.plot(*_on_plan(prediction.observed.location_world[o.id]).T, color="0.8", lw=1)
+            hidden = ~seen
+            beside = hidden | np.append(hidden[1:], False) | np.append(False, hidden[:-1])  # no gaps between the lines
+            axes.plot(*_where(seen, path).T, color=color, lw=2)
+            axes.plot(*_where(beside, path).T, color=color, lw=2, ls=(0, (3, 2)))
+        known = path[seen & np.isfinite(path[:, 0])]
         if len(known):
             edge = {"mew": 2.0, "mec": "0.85"} if o.material == "metal" else {"mew": 0.8, "mec": "black"}
             opacity = 0.3 if o.id == removed else 1.0
@@ -85,12 +89,17 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, came
         axes.plot(*at, marker="*", label=f"{number}: frame {event.frame}", **style)
         axes.annotate(str(number), at, NUMBER_OFFSET_PT, textcoords="offset points", fontsize=8, zorder=6)
     title = (
-        "observed, then predicted (dashed)" if removed is None else f"without the {prediction.objects[removed].name}"
+        "seen (solid) and predicted (dashed)" if removed is None else f"without the {prediction.objects[removed].name}"
     )
     axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set(xlabel="y (right of the image)", ylabel="-x", title=title)
     figure.legend(loc="outside right upper", fontsize=8, markerscale=0.6, frameon=False)
     return figure
+
+
+def _where(shown: NDArray[np.bool_], path: NDArray[Any]) -> NDArray[Any]:
+    """The positions (F, 2) of the frames that are shown; NaN in others, where lines end."""
+    return np.where(shown[:, None], path, np.nan)
 
 
 def _on_plan(location_world: NDArray[Any]) -> NDArray[Any]:

@@ -2,7 +2,7 @@
 
 import base64
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ STYLE = """
 --good: #6cc796; --bad: #e58a8a } }
 body { font: 15px/1.5 system-ui, sans-serif; color: var(--text); background: var(--back); max-width: 1060px; margin: 2em auto;
 padding: 0 1em }
+.note { color: var(--faint) }
 h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em; border-bottom: 1px solid var(--line) }
 h3 { font-size: 1em; margin: 1.2em 0 0 } figure { margin: 0 } figcaption { color: var(--faint); font-size: .85em }
 .row { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 1em }
@@ -42,8 +43,16 @@ summary { cursor: pointer; color: var(--faint) } .number { text-align: right; wi
 """Style sheet of reports."""
 
 
-def summary_html(answer: Answer, named: bool) -> str:
-    """The answer with its probability, or a table of the choices; after the question, if it is `named`."""
+def notes_html(notes: Iterable[str], known: Collection[str] = ()) -> str:
+    """Notes, each on a line of its own, but for those that are `known` because the page shows them elsewhere."""
+    return "".join(f"<p class=note>Note: {html.escape(note)}</p>" for note in notes if note not in known)
+
+
+def summary_html(answer: Answer, named: bool, known: Collection[str]) -> str:
+    """The answer with its probability, or a table of the choices; after the question, if it is `named`.
+
+    Its notes follow, but for those that are `known`.
+    """
     question = f"<p>{html.escape(answer.question)}</p>" if named else ""
     if answer.answer is not None:
         said = html.escape(answer.answer).replace("\n", "<br>")
@@ -53,7 +62,8 @@ def summary_html(answer: Answer, named: bool) -> str:
         f"<td>{html.escape(c.choice)}" + (f"<br>{html.escape(c.error)}" if c.error else "")
         for c in answer.choices
     )
-    return question + (f"<table>{''.join(rows)}</table>" if answer.choices else "")
+    table = f"<table>{''.join(rows)}</table>" if answer.choices else ""
+    return question + table + notes_html(answer.notes, known)
 
 
 def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8] | None) -> str:

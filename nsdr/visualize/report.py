@@ -15,7 +15,7 @@ from nsdr.types import Answer, Remove, Simulation
 from nsdr.visualize.annotate import STROBE_EVERY, stroboscopic_image, write_annotated_video
 from nsdr.visualize.event_words import change_text
 from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
-from nsdr.visualize.html_parts import answer_html, figure_html, jpeg, summary_html, write_page
+from nsdr.visualize.html_parts import answer_html, figure_html, jpeg, notes_html, summary_html, write_page
 from nsdr.visualize.timeline import TIMELINE_STYLE, event_picture, timeline_html
 
 
@@ -35,7 +35,8 @@ def write_report(
     """
     scene, dynamics = perception.scene, perception.dynamics
     title = answers[0].question if len(answers) == 1 else "What was seen in the video"
-    body = [f"<h1>{html.escape(title)}</h1>", *(summary_html(answer, len(answers) > 1) for answer in answers)]
+    body = [f"<h1>{html.escape(title)}</h1>", notes_html(scene.notes)]
+    body += [summary_html(answer, len(answers) > 1, scene.notes) for answer in answers]
     if frames is not None and perception.tracks is not None:
         body += ["<h2>Video</h2>", _video(frames, perception)]
     body += [

@@ -17,7 +17,7 @@ from nsdr.tracking.tracker import track
 from nsdr.types import LAWS, Judgement, VideoTracks, Violation
 from nsdr.validation import convert
 from nsdr.visualize.event_words import violation_text
-from nsdr.visualize.html_parts import thumbnail, write_page
+from nsdr.visualize.html_parts import notes_html, thumbnail, write_page
 from nsdr.visualize.timeline import LANE_HEIGHT, TIMELINE_STYLE, frame_x, lanes_html, seek_script
 
 AROUND_FRAMES = 8
@@ -95,7 +95,7 @@ def write_judgements(path: str | Path, videos: Sequence[JudgedVideo]) -> None:
     body = [f"<h1>{title}</h1>", f"<p>{kinds}</p>" * bool(kinds)]
     body += [f"<h2>{html.escape(v.path)}</h2>{v.shown}" for v, _ in broken]
     for head, rows in (
-        ("No law broken", [f"<td>{html.escape(v.path)}<td>{_verdict(j)}" for v, j in lawful]),
+        ("No law broken", [f"<td>{html.escape(v.path)}<td>{_verdict(j)}{notes_html(j.notes)}" for v, j in lawful]),
         ("Not judged", [f"<td>{html.escape(v.path)}<td>{html.escape(v.shown)}" for v in refused]),
     ):
         if rows:
@@ -132,7 +132,7 @@ def judgement_html(judgement: Judgement, tracks: VideoTracks, frames: NDArray[np
         visible[t.object.id, t.frame_index] = True
     lanes = lanes_html(judgement.objects, visible, None, judgement.n_frames, "".join(marks), "violations")
     shown = f"<div class=timeline>{lanes}</div>{LEGEND}{''.join(details)}" if judgement.violations else ""
-    return f"<div class=judged><p>{_verdict(judgement)}</p>{shown}</div>"
+    return f"<div class=judged><p>{_verdict(judgement)}</p>{notes_html(judgement.notes)}{shown}</div>"
 
 
 def _verdict(judgement: Judgement) -> str:

@@ -54,7 +54,7 @@ def found_wrong(case: Case, result: Result) -> dict[str, str]:
     """What is wrong with a result, by the names in `KINDS`."""
     wrong = {}
     text = result.err + result.out
-    lines = [line for line in result.err.splitlines() if line.strip() and not line.startswith("warning: ")]
+    lines = [line for line in result.err.splitlines() if line.strip() and not line.startswith(("warning: ", "note: "))]
     if result.ended.startswith("killed") or result.seconds > CPU_SECONDS:
         wrong["hang"] = f"{result.seconds:.1f} s"
     if result.memory > MEMORY_BYTES:

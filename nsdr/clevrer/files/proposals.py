@@ -1,7 +1,7 @@
 """CLEVRER's mask proposals: official JSON files (plain or gzipped), and compact NPZ files of many videos without masks."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -109,6 +109,7 @@ class _Frame(msgspec.Struct):
 class _File(msgspec.Struct):
     frames: list[_Frame]
     n_frames: int | None = None
+    notes: list[str] = []
 
     def __post_init__(self) -> None:
         expect(len(self.frames) > 0, ".frames", "at least 1", "none")
@@ -153,7 +154,8 @@ def parse_proposals(data: bytes, name: str) -> VideoProposals:
             rows.append((frame.frame_index, attribute_index(o.color, o.material, o.shape), o.score, o.mask.counts))
             places.append(f"{name}: frames[{f}].objects[{i}].mask")
     indices = [frame.frame_index for frame in content.frames]
-    return proposals_from_rows(content.n_frames or indices[-1] + 1, rows, indices, places)
+    found = proposals_from_rows(content.n_frames or indices[-1] + 1, rows, indices, places)
+    return replace(found, notes=tuple(content.notes))
 
 
 def read_ground_truth(path: str | Path) -> tuple[dict[str, Any], int]:
@@ -281,7 +283,7 @@ def proposals_document(proposals: VideoProposals, video_filename: str) -> dict[s
     """The official JSON document of a video's proposals; inverse of `read_proposals`.
 
     The digits of the file's name are the video's index. The document lists the processed frames. Where the last frame is not
-    one of them, `n_frames` is added to the official keys.
+    one of them, `n_frames` is added to the official keys, and where the proposals have notes, `notes`.
 
     Raises:
         DataError: the proposals have no masks.
@@ -306,7 +308,8 @@ def proposals_document(proposals: VideoProposals, video_filename: str) -> dict[s
             }
         )
     document = {"video_index": video_index, "video_filename": video_filename, "frames": list(frames.values())}
-    return document if proposals.n_frames - 1 in frames else document | {"n_frames": proposals.n_frames}
+    document |= {} if proposals.n_frames - 1 in frames else {"n_frames": proposals.n_frames}
+    return document | ({"notes": list(proposals.notes)} if proposals.notes else {})
 
 
 def compact_rows(video: int, proposals: VideoProposals) -> dict[str, NDArray[Any]]:
