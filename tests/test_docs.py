@@ -64,10 +64,12 @@ SAYS_NOTES = ("note", "with_notes", "Reason")
 """Functions whose arguments are notes, or reasons that become notes."""
 NOTE_LISTS = ("notes", "warned", "refused", "unfit")
 """Lists that notes are added to."""
+SHORTEST_PIECE, COMPARED = 5, 20
+"""Length of the shortest fixed piece of a note that is looked for on the page, and of its beginning that is compared."""
 
 
-def says_notes(node: ast.AST) -> bool:
-    """Whether a piece of code makes a note, and does not only pass it on."""
+def note_texts(node: ast.AST) -> list[str]:
+    """The longest fixed piece of each text in a piece of code that makes a note, and does not only pass it on."""
     parts: list[ast.AST] = []
     if isinstance(node, ast.FunctionDef):  # such as `size_notes`
         gives_notes = node.name.endswith("_notes") and node.returns is not None
@@ -78,18 +80,25 @@ def says_notes(node: ast.AST) -> bool:
         name = ast.unparse(node.func)
         is_note = name.split(".")[-1] in SAYS_NOTES or name in [f"{known}.append" for known in NOTE_LISTS]
         parts = [*node.args] if is_note else []
-    texts = [t for part in parts for t in ast.walk(part) if isinstance(t, ast.Constant | ast.JoinedStr)]
-    return any(isinstance(t, ast.JoinedStr) or isinstance(t.value, str) for t in texts)
+    texts = [t for part in parts for t in ast.walk(part) if isinstance(t, ast.JoinedStr)]
+    pieces = [[v.value for v in t.values if isinstance(v, ast.Constant)] for t in texts]
+    inside = {id(c) for part in parts for t in ast.walk(part) if isinstance(t, ast.JoinedStr) for c in ast.walk(t)}
+    constants = [t for part in parts for t in ast.walk(part) if isinstance(t, ast.Constant) and id(t) not in inside]
+    pieces += [[t.value] for t in constants if isinstance(t.value, str)]
+    return [max(p, key=len) for p in pieces if p and len(max(p, key=len)) >= SHORTEST_PIECE]
 
 
 def test_every_note_is_in_the_list() -> None:
-    """Each module that makes notes is named there, and what is quoted from a module stands in its code."""
+    """What a module notes stands on the page; what the page quotes from a module stands in its code."""
     page = (ROOT / "docs" / "notes.md").read_text().partition("## All notes")[2]
     rows = re.findall(r"^\| (`.*`) \|.*\| `(nsdr[\w.]+)` \|$", page, flags=re.MULTILINE)
-    listed = {module for _, module in rows}
     sources = {path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."): path.read_text() for path in CODE}
-    making = {module for module, text in sources.items() if any(says_notes(n) for n in ast.walk(ast.parse(text)))}
-    assert making == listed
+    found = {m: [t for n in ast.walk(ast.parse(code)) for t in note_texts(n)] for m, code in sources.items()}
+    assert {module for module, texts in found.items() if texts} == {module for _, module in rows}
+    for module, texts in found.items():
+        quoted = "\n".join(notes for notes, of in rows if of == module)
+        for text in texts:
+            assert text.strip()[:COMPARED] in quoted, f"{module}: {text!r} is not in docs/notes.md"
     for notes, module in rows:
         for note in re.findall(r"`([^`]+)`", notes):
             fixed = max(re.split(r"\b[A-Z]+\b|WxH|\d+(?:x\d+)?|…|['(;:]", note), key=len).strip()

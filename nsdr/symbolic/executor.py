@@ -122,11 +122,11 @@ class Executor:
         is_list = parsed.result == Kind.EVENTS
         text = "\n".join(self.world.sentences(values[-1])) or "none" if is_list else trace[-1].text
         choices = tuple(self._candidate(parsed, text, candidate) for candidate in candidates)
-        none = candidates and all(c.answer == "wrong" for c in choices)
-        unsaid = [f"none of the candidates says the answer, {text!r}"] if none else []
-        notes = distinct(self.scene.notes, parsed.notes, unsaid)
+        notes = [*self.scene.notes, *parsed.notes]
+        if candidates and all(c.answer == "wrong" for c in choices):
+            notes.append(f"none of the candidates says the answer, {text!r}")
         probability = self._probability(parsed, self._said(parsed.result, values[-1]))
-        return Answer(question, parsed.tokens, text, trace, choices, probability, notes)
+        return Answer(question, parsed.tokens, text, trace, choices, probability, distinct(notes))
 
     def judge(
         self,
