@@ -193,31 +193,23 @@ def test_a_choice_has_the_probability_that_it_is_correct(small_scene: Scene) -> 
     assert [(c.answer, c.probability) for c in failing] == [("correct", 0.75), (None, None)]
 
 
-def test_nothing_is_stated_of_events_that_are_not_simulated(unsure: Scene) -> None:
-    exits = f"all_events {RED_CUBE} filter_out unique"
-    executor = Executor(unsure)
-    for question in (WITHOUT_BLUE, "unseen_events belong_to"):
-        [exit_, collision] = executor.judge(question, [("a", exits), ("b", possible(RED_CUBE, GREEN))]).choices
-        assert exit_.answer == "wrong"
-        assert exit_.probability is None
-        assert collision.probability is not None
-
-
 def test_one_of_two_predictions_is_correct(small_scene: Scene) -> None:
     scores = np.zeros((4, 4))
     scores[0, 2] = scores[2, 0] = 0.1
     scores[0, 3] = scores[3, 0] = 0.3
     choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, RED_SPHERE))]
     scene = replace(small_scene, unseen_scores=scores, uncertain=())
-    first, second = Executor(scene).judge("unseen_events belong_to", choices).choices
+    first, second = Executor(scene, data_set_rules=True).judge("unseen_events belong_to", choices).choices
     assert (first.answer, second.answer) == ("wrong", "correct")
     assert second.probability == pytest.approx(0.3 * 0.9 / (0.3 * 0.9 + 0.1 * 0.7))
     assert first.probability == pytest.approx(1 - second.probability)
-    nothing = Executor(replace(scene, unseen_scores=np.zeros((4, 4)))).judge("unseen_events belong_to", choices).choices
+    equal = replace(scene, unseen_scores=np.zeros((4, 4)))
+    nothing = Executor(equal, data_set_rules=True).judge("unseen_events belong_to", choices).choices
     assert [c.probability for c in nothing] == [0.5, 0.5]
     one = np.zeros((4, 4))
     one[0, 3] = one[3, 0] = 1.0  # in all runs
-    sure = Executor(replace(scene, unseen_scores=one)).judge("unseen_events belong_to", choices).choices
+    decided = replace(scene, unseen_scores=one)
+    sure = Executor(decided, data_set_rules=True).judge("unseen_events belong_to", choices).choices
     assert [c.probability for c in sure] == [SIMULATED_DOUBT, 1 - SIMULATED_DOUBT]
 
 
