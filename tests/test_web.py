@@ -104,7 +104,9 @@ def test_long_clips_and_other_files_are_refused_before_the_work(
 def test_each_note_is_shown_once(small_scene: Scene, tmp_path: Path) -> None:
     """Those of the clip below the video, others beside the result that they are about."""
     scene = replace(small_scene, notes=("it is <dark>",))
-    clip = Clip(tmp_path / "a.mp4", Perception(None, None, None, scene), (jpeg(np.zeros((320, 480, 3), np.uint8)),))
+    clip = Clip(
+        "key", tmp_path / "a.mp4", Perception(None, None, None, scene), (jpeg(np.zeros((320, 480, 3), np.uint8)),)
+    )
     program = GrammarParser().parse("How many cubes are there?").with_notes("read 'cueb' as 'cube'")
     answer = answer_panel(Executor(scene).answer(program), clip)
     assert "it is <dark>" in notes_panel(clip)
@@ -241,7 +243,7 @@ def test_quick_work_asks_for_kept_clips_only(small_scene: Scene, clip_files: lis
 
 def test_clips_that_are_longer_than_they_say_are_refused(small_scene: Scene, clip_files: list[Path]) -> None:
     pipeline: Any = FakePipeline(small_scene)
-    pipeline.frames = lambda path: iter(np.zeros((1000, 320, 480, 3), np.uint8))
+    pipeline.frames = lambda path, note: iter(np.zeros((1000, 320, 480, 3), np.uint8))
     with pytest.raises(VideoError, match=r"lasts 2 s; clips of up to 2 s are taken, so cut it"):
         Clips(pipeline, 2).watch(clip_files[0])
 
