@@ -23,7 +23,7 @@ from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
 from nsdr.dynamics.velocity_events import VelocityEvents, velocity_collisions
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.types import Rollout, SceneObject, VideoTracks
+from nsdr.types import Rollout, SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import SHAPES
@@ -242,10 +242,16 @@ def paper() -> PatchPredictor:
     return PatchPredictor(PatchModel(PatchModelConfig(hidden=16, collision_threshold=0.9)))
 
 
-@pytest.mark.parametrize("name", ["physics", "no shortcut", "paper", "velocity"])
+def _first_detection(track: Track) -> Track:
+    """As if the video were one image."""
+    names = ("location_world", "centroid_px", "box_xyxy_px", "score")
+    return replace(track, frame_index=np.zeros(1, int), **{name: getattr(track, name)[:1] for name in names})
+
+
+@pytest.mark.parametrize("name", ["physics", "no shortcut", "state", "paper", "velocity"])
 def test_backends_keep_the_contract(name: str, observer: StatePredictor, paper: PatchPredictor) -> None:
     physics = PhysicsPredictor(observer, PhysicsConfig(runs=3), shortcut=name != "no shortcut")
-    backend = {"paper": paper, "velocity": VelocityEvents(physics)}.get(name, physics)
+    backend = {"paper": paper, "state": observer, "velocity": VelocityEvents(physics)}.get(name, physics)
     video = tracks(60)
     prediction = backend.predict(video)
     assert prediction.observed.location_world.shape == (3, 85, 2)
@@ -259,6 +265,8 @@ def test_backends_keep_the_contract(name: str, observer: StatePredictor, paper: 
     empty = backend.predict(VideoTracks(20, ()))
     assert isinstance(empty, DynamicsPrediction)
     assert empty.objects == ()
+    image = replace(video, n_frames=1, tracks=tuple(_first_detection(t) for t in video.tracks))
+    assert len(backend.predict(image).observed.location_world) == 3
 
 
 def test_physics_predicts_a_meeting_after_the_video(observer: StatePredictor) -> None:

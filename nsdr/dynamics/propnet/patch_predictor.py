@@ -73,7 +73,7 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
     def observed_collisions(self, states: MotionStates) -> list[Event]:
         """Collisions during the video: each pair in the step whose collision is most probable."""
         n, frames = states.present.shape
-        if n < 2:
+        if n < 2 or frames < 2:
             return []
         stride = self.config.stride_frames
         samples = np.arange(frames - 1, 0, -stride)[::-1]
