@@ -94,14 +94,14 @@ class FrameParser(PretrainedPart[nn.Module]):
                 columns = (found["image"] + len(processed), found["attribute"].argmax(1), found["scores"])
                 changes.append(mask_changes(found["masks"][:, 0], found["boxes"]).cpu().numpy())
                 changes[-1][0] += sum(map(len, rows))
-                rows.append(torch.stack([column.double() for column in columns], 1).cpu().numpy())
+                rows.append(torch.stack([column.float() for column in columns], 1).cpu().numpy())
                 processed += [index for index, _ in batch]
                 bar.update(processed[-1] + 1 - bar.n)
         bar.close()
         n_frames = next(counter)
         if not n_frames:
             raise DataError("no frames to parse")
-        place, attribute, score = np.concatenate(rows).T
+        place, attribute, score = np.concatenate(rows).astype(np.float64).T
         (mask, start), (_, stop) = (np.concatenate(changes, 1)[:, k::2] for k in (0, 1))
         runs = ObjectRuns(mask, start, stop)
         masks = encoded_runs(runs, len(score), HEIGHT_PX, WIDTH_PX)

@@ -43,7 +43,7 @@ def _weights(begin: Tensor, end: Tensor, low: Tensor, side: int, cells: int, mos
     Pixels at `most` and beyond are outside of the image.
     """
     pixels = low[:, None] + torch.arange(side, device=begin.device)
-    begin, end = begin.double()[:, None], end.double()[:, None]
-    place = ((pixels - begin) / (end - begin) * cells - 0.5).float()
+    begin, end = begin[:, None], end[:, None]
+    place = (pixels - begin) / (end - begin) * cells - 0.5
     weights = 1 - (place[..., None] - torch.arange(cells, device=begin.device)).abs()
     return weights.clamp(min=0) * (pixels < most)[..., None]

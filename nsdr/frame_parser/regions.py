@@ -3,6 +3,7 @@
 torchvision goes from image to image. On a GPU, starting the work for each image and waiting for it then takes most of the time.
 """
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -19,7 +20,7 @@ ROI_COARSE_PX = 128
 """Regions whose area has at least this side are pooled from the coarse level, smaller ones from the fine level (pixels)."""
 ROI_SAMPLES = 2
 """Samples per pooled cell along each axis (`sampling_ratio` of RoIAlign)."""
-GROUP_SPACING_PX = 2.0**14
+GROUP_SPACING_PX = 1024
 """Distance by which groups of boxes are moved apart before non-maximum suppression, more than the side of an image (pixels)."""
 
 
@@ -45,23 +46,27 @@ def has_sides(boxes: Tensor, least_px: float) -> Tensor:
     return (boxes[:, 2:] - boxes[:, :2] >= least_px).all(1)
 
 
-def best_of_images(boxes: Tensor, scores: Tensor, image: Tensor, group: Tensor, iou: float, most: int) -> Tensor:
+def best_of_images(
+    boxes: Tensor, scores: Tensor, image: Tensor, group: Tensor, n_groups: int, iou: float, most: int
+) -> Tensor:
     """Indices (M,) of the regions that non-maximum suppression leaves, at most `most` of an image.
 
     Args:
         boxes: (N, 4) float32 xyxy (pixels), the regions of all images.
         scores: (N,) float32.
         image: (N,) int64 index of each region's image.
-        group: (N,) int64; regions of different groups, such as those of different images, do not suppress each other.
+        group: (N,) int64 from 0 to `n_groups` - 1; regions of different groups, such as those of different images, do not
+            suppress each other.
         iou: of two regions with a larger intersection over union, the one with the lower score is dropped (0-1).
         most: largest number of regions of an image.
 
     Returns:
         The indices in the order of the images, and by falling score within each.
     """
-    # In float64, boxes far from the origin are as exact as those near it in float32.
-    apart = boxes + (group.double() * GROUP_SPACING_PX)[:, None]
-    kept = nms(apart, scores.double(), iou)
+    # The groups lie in a square: coordinates far from the origin are less exact.
+    side = math.isqrt(n_groups) + 1
+    cell = torch.stack([group % side, group // side] * 2, 1)
+    kept = nms(boxes + cell * GROUP_SPACING_PX, scores, iou)
     of_image, order = image[kept].sort(stable=True)
     rank = torch.arange(len(kept), device=kept.device) - torch.searchsorted(of_image, of_image)
     return kept[order[rank < most]]
@@ -96,7 +101,9 @@ class ProposalNetwork(RegionProposalNetwork):
         boxes = clipped(boxes, image, images.image_sizes)
         kept = torch.where((scores >= self.score_thresh) & has_sides(boxes, self.min_size))[0]
         boxes, scores, image = boxes[kept], scores[kept], image[kept]
-        best = best_of_images(boxes, scores, image, group[kept], self.nms_thresh, self.post_nms_top_n())
+        best = best_of_images(
+            boxes, scores, image, group[kept], n_images * len(levels), self.nms_thresh, self.post_nms_top_n()
+        )
         return list(by_image(boxes[best], image[best], n_images)), {}
 
 

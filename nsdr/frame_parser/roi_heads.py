@@ -122,7 +122,13 @@ class AttributeRoIHeads(RoIHeads):
         boxes, scores = clipped(boxes, image, image_shapes), class_logits.softmax(-1)[:, 1]
         kept = torch.where((scores > self.score_thresh) & has_sides(boxes, MIN_BOX_SIDE_PX))[0]
         best = best_of_images(
-            boxes[kept], scores[kept], image[kept], image[kept], self.nms_thresh, self.detections_per_img
+            boxes[kept],
+            scores[kept],
+            image[kept],
+            image[kept],
+            len(proposals),
+            self.nms_thresh,
+            self.detections_per_img,
         )
         kept = kept[best]
         boxes, image = boxes[kept], image[kept]
