@@ -15,6 +15,7 @@ from .errors import (
     CheckpointError as CheckpointError,
     DataError as DataError,
     ExecutionError as ExecutionError,
+    MachineError as MachineError,
     NsdrError as NsdrError,
     ProgramError as ProgramError,
     QuestionError as QuestionError,

@@ -1,19 +1,40 @@
 """Exceptions a user can act on. The command line prints their message in one line and exits with code 2."""
 
+import errno
+
 __all__ = [
     "CheckpointError",
     "DataError",
     "EndpointError",
     "ExecutionError",
+    "MachineError",
     "NsdrError",
     "ProgramError",
     "QuestionError",
     "VideoError",
+    "machine_error",
 ]
+
+
+MACHINE_ERRNOS = frozenset(
+    {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS, errno.ENOMEM, errno.EMFILE, errno.ENFILE, errno.ESTALE}
+)  # fmt: skip
+"""System errors that no input causes: full and broken disks, exhausted memory, too many open files."""
+MACHINE_TEXTS = ("out of memory", "not enough memory", "can't allocate memory", "Insufficient memory", "CUDA error",
+                 "cuDNN error", "can't start new thread")  # fmt: skip
+"""Parts of what PyTorch, OpenCV and Python say in exceptions of general types when memory or a device fails."""
 
 
 class NsdrError(Exception):
     """Base of all errors that `nsdr` raises on purpose; the message names the cause and, where there is one, the remedy."""
+
+
+class MachineError(NsdrError, RuntimeError):
+    """The machine failed, and not what it was given: no space left, no memory, a lost worker process, a broken device.
+
+    Such an error says nothing of an input and is no result: work that notes the errors of single inputs and goes on must let
+    this one pass.
+    """
 
 
 class DataError(NsdrError, ValueError):
@@ -54,3 +75,27 @@ class ExecutionError(NsdrError, ValueError):
     def __init__(self, message: str, step: int = 0, module: str = "") -> None:
         super().__init__(message)
         self.step, self.module = step, module
+
+
+def machine_error(error: BaseException, what: object = "") -> MachineError | None:
+    """An exception as an error of the machine; None where something else is the cause.
+
+    This is the one place that says which exceptions are the machine's.
+
+    Args:
+        error: the exception.
+        what: the file or the task, for the message; "" where that is not known.
+    """
+    if isinstance(error, NsdrError):
+        return error if isinstance(error, MachineError) else None
+    text, place = " ".join(str(error).split()), f"{what}: " if what else ""
+    if isinstance(error, OSError):
+        return MachineError(f"{place}{error.strerror}") if error.errno in MACHINE_ERRNOS else None
+    if isinstance(error, MemoryError):
+        text = f"not enough memory{f' ({text})' if text else ''}"
+    elif not any(part in text for part in MACHINE_TEXTS):
+        return None
+    remedy = (
+        "use smaller inputs, batches or networks, or fewer workers" if "memory" in text else "nothing of it is kept"
+    )
+    return MachineError(f"{place}{text}; {remedy}")

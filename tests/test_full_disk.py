@@ -13,12 +13,16 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError, save
+from nsdr import DataError, MachineError, Scene, load, save
+from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
+from nsdr.cli.main import main
+from nsdr.evaluation import runner
 from nsdr.evaluation.experiments import run_experiment
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.files import atomic_path, locked, write_json
@@ -82,7 +86,7 @@ def test_a_training_survives_a_full_disk_at_every_write(tmp_path, monkeypatch) -
             disk = Disk(patch, full)
             try:
                 train(Line(), config, run, {})
-            except DataError as e:
+            except MachineError as e:
                 assert "cannot be written (No space left on device)" in str(e)  # noqa: PT017
                 assert str(run) in str(e)  # noqa: PT017
             is_over = disk.writes < full
@@ -107,9 +111,8 @@ def test_jobs_survive_a_full_disk_at_every_write(tmp_path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             disk = Disk(patch, full)
             try:
-                summary = run_jobs(work, [Job(*values) for values in new], tmp_path, workers=1)
-                assert all("No space left on device" in message for message in summary.failed.values())
-            except DataError as e:
+                run_jobs(work, [Job(*values) for values in new], tmp_path, workers=1)
+            except MachineError as e:
                 assert "cannot be written (No space left on device)" in str(e)  # noqa: PT017
             is_over = disk.writes < full
         for (_, before, output, _), (_, after, _, _) in zip(old, new, strict=True):
@@ -175,7 +178,7 @@ def test_every_kind_of_file_is_whole_or_as_before(name: str, small_scene, tmp_pa
     path.write_bytes(b"before")
     for size in sorted({0, 1, 100, 4096, len(whole) // 2, len(whole) - 1}):
         if size < len(whole):
-            with largest_file(size), pytest.raises(DataError, match=r"cannot be written \(File too large\)"):
+            with largest_file(size), pytest.raises(MachineError, match=r"cannot be written \(File too large\)"):
                 write(path, small_scene)
             assert path.read_bytes() == b"before", size
             assert not [p.name for p in tmp_path.iterdir() if p.name.startswith(".")]
@@ -196,7 +199,7 @@ def test_a_full_disk_takes_no_row_of_an_experiment(tmp_path) -> None:
             disk = Disk(patch, full)
             try:
                 run_experiment(tmp_path / "e.yaml", tmp_path / "results")
-            except DataError as e:
+            except MachineError as e:
                 assert "cannot be written (No space left on device)" in str(e)  # noqa: PT017
             is_over = disk.writes < full
         kept = {row["settings"]["name"] for row in json.loads((tmp_path / "results" / "e.json").read_text())["rows"]}
@@ -204,6 +207,43 @@ def test_a_full_disk_takes_no_row_of_an_experiment(tmp_path) -> None:
         (tmp_path / "e.yaml").write_text(f"title: T\nrows:\n{rows}")
         run_experiment(tmp_path / "e.yaml", tmp_path / "results")
         assert contents(tmp_path / "results") == expected, full
+
+
+class _Watched:
+    """A pipeline that has seen the example, and may fail before it says what."""
+
+    def __init__(self, error: Exception | None) -> None:
+        self.error = error
+
+    def perceive(self, **_) -> SimpleNamespace:
+        if self.error:
+            raise self.error
+        return SimpleNamespace(scene=load(Scene, TRUTH))
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError(errno.EDQUOT, "Disk quota exceeded"), MemoryError(), MachineError("scene.json: cannot be written")],
+)
+def test_what_a_failing_machine_leaves_undone_is_not_scored(error, tmp_path, monkeypatch, capsys) -> None:
+    (tmp_path / "videos").mkdir()
+    (tmp_path / "videos" / "video_500002.mp4").write_bytes(VIDEO.read_bytes())
+    common = {"questions": str(QUESTIONS), "data": str(tmp_path / "videos"), "source": "videos", "programs": "gold"}
+    common["cache"] = str(tmp_path / "cache")
+    (tmp_path / "e.yaml").write_text(json.dumps({"title": "T", "common": common, "rows": [{"name": "a"}]}))
+    evaluation = ["evaluate", *(f"--{name}={value}" for name, value in common.items()), "--keep-going"]
+    evaluation += ["--submission", str(tmp_path / "s.json"), "-o", str(tmp_path / "report.json")]
+    experiment = ["experiment", str(tmp_path / "e.yaml"), "-o", str(tmp_path / "results"), "--keep-going"]
+    written = [tmp_path / "s.json", tmp_path / "report.json", tmp_path / "results" / "e.json"]
+
+    monkeypatch.setattr(runner, "worker_pipeline", lambda *_: _Watched(error))
+    assert [main(evaluation), main(experiment)] == [2, 2]
+    assert capsys.readouterr().err.splitlines()[-1].startswith("error: ")
+    assert not any(path.exists() for path in written)
+    monkeypatch.setattr(runner, "worker_pipeline", lambda *_: _Watched(None))
+    assert [main(evaluation), main(experiment)] == [0, 0]
+    assert all(path.exists() for path in written)
+    assert json.loads(written[-1].read_text())["rows"][0]["table"]["descriptive"]["accuracy"] == 1
 
 
 def test_the_lock_of_a_full_disk_holds(tmp_path) -> None:

@@ -1,6 +1,8 @@
 """Videos as models write them: animated images, folders of frames, other rates; and which of them are judged."""
 
 import json
+import os
+import shutil
 import warnings
 from itertools import islice
 from pathlib import Path
@@ -423,6 +425,37 @@ def test_a_killed_run_goes_on_with_the_videos_that_are_left(tmp_path, monkeypatc
     save(paths[2], [frame(1), frame(9)], 40)
     assert main([*command, "--keep-going"]) == 0
     assert done == [paths[2]]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["answer", "ODD", "-q", "How many cubes are there?"],
+        ["judge", "ODD"],
+        ["parse-video", "ODD", "-o", "OUT.json"],
+        ["parse-video", str(VIDEO), "-o", "ODD.json"],
+        ["answer", str(VIDEO), "-q", "How many cubes are there?", "--background", "ODD"],
+        ["evaluate", "--questions", "ODD", "--data", "."],
+    ],
+)  # fmt: skip
+def test_a_name_that_is_not_utf8_is_refused_in_one_line(tmp_path, command: list[str], capsys) -> None:
+    odd = os.fsdecode(bytes(tmp_path) + b"/s\xff.mp4")
+    shutil.copy(VIDEO, odd)
+    assert main([word.replace("ODD", odd).replace("OUT", str(tmp_path / "out")) for word in command]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert "s\\xff.mp4" in line
+    assert "rename" in line
+
+
+@pytest.mark.filterwarnings("default::UserWarning")
+def test_a_folder_with_a_name_that_is_not_utf8_is_parsed_without_it(tmp_path, capsys) -> None:
+    shutil.copy(VIDEO, tmp_path / "video_1.mp4")
+    shutil.copy(VIDEO, os.fsdecode(bytes(tmp_path) + b"/video_\xff2.mp4"))
+    assert main(["parse-videos", str(tmp_path), "-o", str(tmp_path / "out"), "--workers", "1"]) == 0
+    printed = capsys.readouterr()
+    assert "1 done, 0 kept from before, 0 failed" in printed.out
+    assert "video_\\xff2.mp4: left out" in printed.err
 
 
 def test_two_videos_of_one_name_are_not_one(tmp_path, capsys) -> None:

@@ -1,5 +1,6 @@
 """Task engines: failures, lost workers, a Ray cluster of two nodes."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from nsdr import DataError
+from nsdr import CheckpointError, DataError, MachineError
 from nsdr.io import jobs
 from nsdr.io.jobs import run_tasks
 
@@ -40,6 +41,14 @@ def kill_at_three(number: int) -> int:
 
 def die(number: int) -> int:
     os._exit(5)
+
+
+def fail_at_one(error: Exception, number: int) -> int:
+    """The machine fails at task 1; others take a while."""
+    if number == 1:
+        raise error
+    time.sleep(0.1)
+    return number
 
 
 def unsendable(number: int) -> object:
@@ -95,25 +104,39 @@ def test_a_lost_workers_tasks_are_done_again(tmp_path) -> None:
     assert sorted(o.result for o in outcomes) == [0, 1, 2, 3, 4]
 
 
-def test_a_task_that_kills_its_worker_fails_alone() -> None:
-    outcomes = {o.item: o for o in run_tasks(kill_at_three, range(1, 9), workers=2)}
-    assert [i for i, o in outcomes.items() if o.error] == [3]
-    assert sorted(o.result for o in outcomes.values() if not o.error) == [1, 2, 4, 5, 6, 7, 8]
-    assert (
-        "its worker process died twice, the second time alone (exit code SIGKILL(-9)); it may need" in outcomes[3].error
-    )
+def test_a_task_that_kills_its_worker_ends_the_work_after_the_others() -> None:
+    results = []
+    with pytest.raises(MachineError, match=r"^3: its worker process died \(exit code SIGKILL.*memory"):  # noqa: PT012
+        for outcome in run_tasks(kill_at_three, range(1, 9), workers=2):
+            results.append(outcome.result)
+    assert sorted(results) == [1, 2, 4, 5, 6, 7, 8]
 
 
-def test_tasks_that_kill_every_worker_fail() -> None:
-    outcomes = list(run_tasks(die, range(2), workers=2))
-    assert [o.error for o in outcomes] == [
-        "its worker process died twice, the second time alone (exit code EXIT(5))"
-    ] * 2
+@pytest.mark.parametrize(("function", "how"), [(die, r"died \(exit code EXIT\(5\)\)"), (unsendable, "cannot be sent")])
+def test_lost_tasks_end_the_work(function, how) -> None:
+    with pytest.raises(MachineError, match=rf"^0: .*{how}.* \(2 tasks in all\)$"):
+        list(run_tasks(function, range(2), workers=2))
 
 
-def test_a_result_that_cannot_be_sent_is_a_failure() -> None:
-    outcomes = list(run_tasks(unsendable, range(2), workers=2))
-    assert all("it cannot be sent to or from its worker" in o.error for o in outcomes)
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError(errno.ENOSPC, "No space left on device"),
+        OSError(errno.EDQUOT, "Disk quota exceeded"),
+        OSError(errno.EMFILE, "Too many open files"),
+        MemoryError(),
+        RuntimeError("CUDA out of memory. Tried to allocate 2.00 GiB"),
+        MachineError("a.json: cannot be written"),
+        CheckpointError("frame_parser.safetensors: damaged"),
+    ],
+)
+def test_the_first_error_of_the_machine_ends_the_work(error, workers) -> None:
+    seen = []
+    with pytest.raises(CheckpointError if isinstance(error, CheckpointError) else MachineError, match=r"\w"):  # noqa: PT012
+        for outcome in run_tasks(partial(fail_at_one, error), range(100), workers=workers):
+            seen.append(outcome.item)
+    assert len(seen) < 10
 
 
 def test_programs_need_no_guard(tmp_path) -> None:
@@ -232,8 +255,10 @@ def test_ray_works_in_the_programs_folder_and_ends_what_nobody_waits_for(tmp_pat
         tasks.close()
         while running(int(begun.read_text())):
             time.sleep(0.05)
-        (broken,) = run_tasks(double, [Unreadable()], engine="ray")
-        assert "it cannot be sent to or from its worker, or was lost (ValueError: not here)" in broken.error
+        with pytest.raises(
+            MachineError, match=r"cannot be sent to or from its worker, or was lost \(ValueError: not here"
+        ):
+            list(run_tasks(double, [Unreadable()], engine="ray"))
     finally:
         ray.shutdown()
         cluster.shutdown()

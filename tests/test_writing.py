@@ -15,7 +15,7 @@ import pytest
 
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
-from nsdr.errors import DataError
+from nsdr.errors import DataError, MachineError
 from nsdr.evaluation.runner import EvaluationConfig, _job
 from nsdr.io.files import atomic_path, find_files, locked, remove_partial_files, write_json
 from nsdr.io.jobs import Job, run_jobs
@@ -45,7 +45,7 @@ def test_a_full_disk_is_one_line_and_keeps_what_was_there(code, tmp_path, monkey
         raise OSError(code, os.strerror(code))
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(DataError, match=rf"a\.json: cannot be written \({os.strerror(code)}\)"):
+    with pytest.raises(MachineError, match=rf"a\.json: cannot be written \({os.strerror(code)}\)"):
         write_json(path, "after")
     assert path.read_bytes() == b'"before"\n'
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
@@ -180,7 +180,7 @@ def test_a_folder_that_cannot_be_locked_is_one_line(code, tmp_path, monkeypatch)
         raise OSError(code, os.strerror(code))
 
     monkeypatch.setattr(os, "open", refused)
-    with pytest.raises(DataError, match=rf"cannot be written \({os.strerror(code)}\)"), locked(tmp_path):
+    with pytest.raises(MachineError, match=rf"cannot be written \({os.strerror(code)}\)"), locked(tmp_path):
         pass
 
 
@@ -206,6 +206,30 @@ def test_hidden_files_are_no_inputs(tmp_path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     assert [p.name for p in find_files(tmp_path, "*.mp4")] == ["video_2.mp4", "video_1.mp4"]
+
+
+def test_links_to_folders_are_followed_and_each_folder_is_read_once(tmp_path) -> None:
+    (tmp_path / "elsewhere" / "deep").mkdir(parents=True)
+    (tmp_path / "elsewhere" / "deep" / "video_1.mp4").touch()
+    videos = tmp_path / "videos"
+    (videos / "real").mkdir(parents=True)
+    (videos / "real" / "video_2.mp4").touch()
+    (videos / "again").symlink_to("real")
+    (videos / "linked").symlink_to(tmp_path / "elsewhere")
+    (videos / "real" / "round").symlink_to("..")
+    (videos / "nowhere").symlink_to("missing")
+    (tmp_path / "elsewhere" / "up").symlink_to(tmp_path)
+    (tmp_path / "whole").symlink_to(videos)
+    for folder in (videos, tmp_path / "whole"):
+        found = [str(path.relative_to(folder)) for path in find_files(folder, "*.mp4")]
+        assert found == ["linked/deep/video_1.mp4", "real/video_2.mp4"]
+
+
+def test_names_that_are_not_utf8_are_left_out_with_a_warning(tmp_path) -> None:
+    for name in (b"a.mp4", b"s\xff.mp4", b"t\xfe.mp4", b"other\xfd.txt"):
+        (tmp_path / os.fsdecode(name)).touch()
+    with pytest.warns(UserWarning, match=r"s\\xff\.mp4 and 1 more files: .*not UTF-8; rename"):
+        assert find_files(tmp_path, "*.mp4") == [tmp_path / "a.mp4"]
 
 
 def test_commands_refuse_an_output_that_another_process_writes(tmp_path, capsys) -> None:

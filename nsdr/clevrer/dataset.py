@@ -11,7 +11,7 @@ from nsdr.clevrer.files.annotations import check_annotation
 from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.clevrer.files.questions import SceneQuestions, read_questions
 from nsdr.errors import DataError
-from nsdr.io.files import is_hidden
+from nsdr.io.files import find_files
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.types import VideoProposals
@@ -244,6 +244,5 @@ def _listing(root: Path, kind: str, split: str) -> Iterator[tuple[str, Path]]:
     """Yield (file name, path) of all files of a kind."""
     for pattern in _FOLDERS[kind]:
         folder = root / pattern.format(split=split)
-        for path in folder.rglob("*.*"):
-            if not is_hidden(path.relative_to(folder)):
-                yield path.name, path
+        for path in find_files(folder, "*.*"):
+            yield path.name, path

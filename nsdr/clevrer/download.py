@@ -7,7 +7,7 @@ imported when it starts.
 from collections.abc import Iterable
 from pathlib import Path
 
-from nsdr.errors import DataError
+from nsdr.errors import DataError, MachineError, machine_error
 
 __all__ = ["OFFICIAL_ROOT", "download"]
 
@@ -80,7 +80,7 @@ def _unpack(archive: Path, folder: Path) -> None:
     try:
         with writing(folder), zipfile.ZipFile(archive) as opened:
             opened.extractall(partial)
-    except DataError:  # a full disk
+    except MachineError:  # a full disk
         raise
     except Exception as e:  # damaged ones raise many kinds
         raise DataError(f"{archive}: not a readable zip ({e}); delete it, and run the command again") from e
@@ -103,6 +103,8 @@ def _fetch(url: str, target: Path) -> None:
     except Exception as e:  # of the system, the HTTP client and the hub's
         if getattr(getattr(e, "response", None), "status_code", 0) == NOT_ITS_BEGINNING:
             part.unlink()
+        if failure := machine_error(e, target):
+            raise failure from e
         reason = (str(e).splitlines() or [type(e).__name__])[0]
         raise DataError(f"{url}: cannot be fetched ({reason}); run the command again to continue") from e
     sync(part)

@@ -1,5 +1,6 @@
 """The command `nsdr`: which commands there are, and how they end."""
 
+import io
 import logging
 import os
 import re
@@ -15,7 +16,7 @@ from typing import Any
 
 import jsonargparse
 
-from nsdr.errors import DataError, NsdrError
+from nsdr.errors import DataError, NsdrError, machine_error
 from nsdr.io.configuration import OptionParser
 from nsdr.io.limits import limits
 
@@ -70,6 +71,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in arguments
     arguments = [a for a in arguments if a != "--debug"]
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # names and texts that the terminal's encoding lacks
     logging.basicConfig(level=logging.DEBUG if debug else logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     with warnings.catch_warnings(), interruptible():
         warnings.showwarning = _show_warning
@@ -177,8 +181,8 @@ def outcome_of(error: BaseException) -> tuple[int, str]:
     text = " ".join(str(error).split())
     if isinstance(error, OSError) and error.strerror:
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    elif isinstance(error, MemoryError):
-        text = f"not enough memory ({text or 'MemoryError'}); use smaller inputs, batches or networks, or fewer workers"
+    elif failure := machine_error(error):
+        text = str(failure)
     elif isinstance(error, RecursionError):
         text = "a file or value is nested too deeply"
     elif not isinstance(error, NsdrError | jsonargparse.ArgumentError | FloatingPointError | OSError):

@@ -18,7 +18,7 @@ from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.dynamics.registry import READ_NO_IMAGES
-from nsdr.errors import DataError, NsdrError
+from nsdr.errors import DataError, MachineError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
 from nsdr.evaluation.score import Parse, evaluate
 from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
@@ -154,6 +154,7 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
     Raises:
         DataError: unreadable questions or data, or values that do not go together.
         EndpointError: the server of `parser` is not there; or it fails, after the scenes were kept.
+        MachineError: a full disk, a lost worker or the like, which is no fault of a scene.
     """
     parser = parser_of(config)  # a server that is not there is found before the work
     settings = config.pipeline()
@@ -199,6 +200,8 @@ def _scenes(
                 found = {**found, **cast(PerceptionInput, video_of(s))}
             common = common or settings.fingerprint(config.checkpoint, config.source, config.truth_source)
             jobs.append(_job(config, common, s.scene_index, found, true_scene))
+        except MachineError:
+            raise
         except NsdrError as e:
             scenes[s.scene_index] = e
     if any(isinstance(s, Scene) for s in scenes.values()):
@@ -333,5 +336,7 @@ def _executor(scene: Scene | Callable[[], Scene] | NsdrError, config: Evaluation
 def _official(config: EvaluationConfig, scene_index: int) -> Executor | NsdrError:
     try:
         return Executor(prediction_file(Path(config.data), scene_index), "official", config.collisions)
+    except MachineError:
+        raise
     except NsdrError as e:
         return e

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.errors import VideoError
-from nsdr.io.files import find_files
+from nsdr.errors import VideoError, machine_error
+from nsdr.io.files import check_name, find_files
 from nsdr.io.images import has_images, is_animated, open_images
 from nsdr.io.limits import check_limit
 from nsdr.io.notes import Note
@@ -139,6 +139,8 @@ def _decoded(capture: cv2.VideoCapture, path: Path) -> TimedFrames:
         try:
             ok, frame = capture.read()
         except (cv2.error, MemoryError) as e:
+            if failure := machine_error(e, path):
+                raise failure from e
             raise VideoError(f"{path}: cannot be decoded ({str(e).splitlines()[0]})") from e
         if not ok:
             return
@@ -205,7 +207,9 @@ def check_is_video(path: Path) -> None:
     Raises:
         VideoError: no such file, or a folder without images, a device, an empty file, an image, a text or another kind of file;
             says which.
+        DataError: a name that is not UTF-8.
     """
+    check_name(path)
     if path.is_dir():
         if not has_images(path):
             what = "a video, or a folder of PNG or JPEG files (`nsdr parse-videos` takes folders of videos)"

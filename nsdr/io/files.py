@@ -1,6 +1,7 @@
 """Outputs: written whole or not at all, by one process at a time, and checked before the work; and the files of a folder."""
 
 import errno
+import fnmatch
 import importlib.util
 import json
 import logging
@@ -9,6 +10,8 @@ import socket
 import stat
 import tempfile
 import time
+import warnings
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,7 +19,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from nsdr.errors import DataError
+from nsdr.errors import DataError, MachineError, machine_error
 
 PARTIAL = ".partial"
 """Part of the name of unfinished files, which begins with a dot."""
@@ -24,9 +27,10 @@ LOCK = ".lock"
 """End of a lock file's name. The file says who holds the lock; it may stay behind after a kill, the lock does not."""
 PROBE_BYTES = 4096
 """Bytes that are written for a test, and deleted."""
-THE_TARGETS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE, errno.EROFS, errno.EACCES, errno.EPERM,
-               errno.EEXIST, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EISDIR, errno.ELOOP)  # fmt: skip
-"""System errors that say something of the file that is written."""
+OF_THE_NAME = (errno.EEXIST, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EISDIR, errno.ELOOP)
+"""System errors that say that no file can have the name of an output."""
+OF_THE_PLACE = (errno.EACCES, errno.EPERM, errno.EPIPE)
+"""System errors that say that an output cannot be written where it lies, beside those of every machine."""
 NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
 """System errors of file systems that cannot lock files."""
 log = logging.getLogger(__name__)
@@ -37,13 +41,17 @@ def writing(path: str | Path) -> Iterator[None]:
     """The system's errors while `path` is written, in one line.
 
     Raises:
-        DataError: `path` cannot be written: no permission, no space left.
+        MachineError: `path` cannot be written: no permission, no space left.
+        DataError: no file can have this name.
     """
     try:
         yield
     except OSError as e:
-        if e.errno in THE_TARGETS:
-            raise DataError(f"{path}: cannot be written ({e.strerror}); free or choose another place") from e
+        message = f"{path}: cannot be written ({e.strerror}); free or choose another place"
+        if e.errno in OF_THE_NAME:
+            raise DataError(message) from e
+        if e.errno in OF_THE_PLACE or machine_error(e, path):
+            raise MachineError(message) from e
         raise  # of what is read meanwhile
 
 
@@ -54,7 +62,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Of a link, the file that it points to is replaced. What a kill leaves is a hidden file (`remove_partial_files`).
 
     Raises:
-        DataError: `path` is a folder, a device or a pipe, or cannot be written: no permission, no space left.
+        MachineError: `path` cannot be written: no permission, no space left.
+        DataError: `path` is a folder, a device or a pipe.
     """
     path = Path(os.path.realpath(path))
     with writing(path):
@@ -121,7 +130,7 @@ def write_file(path: str | Path, content: str | bytes) -> None:
     """Write a file, atomically; text as UTF-8.
 
     Raises:
-        DataError: as of `atomic_path`.
+        DataError, MachineError: those of `atomic_path`.
     """
     with atomic_path(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -175,7 +184,8 @@ def locked(folder: str | Path, name: str = "", wait: bool = False) -> Iterator[N
         wait: wait for another process that has the lock, and say so.
 
     Raises:
-        DataError: another process has it; names the process, its machine and the time. Or the folder cannot be written.
+        DataError: another process has it; names the process, its machine and the time.
+        MachineError: the folder cannot be written.
     """
     target = Path(folder) / name
     with writing(folder):
@@ -224,10 +234,10 @@ def check_output(path: str | Path, suffixes: Sequence[str] = (), inputs: Sequenc
         The ending, in lower case.
 
     Raises:
-        DataError: another ending, one of the inputs, no regular file, or a place that is read-only, full or not to be written
-            by this user; names the path.
+        DataError: another ending, one of the inputs, no regular file, or a read-only place; names the path.
+        MachineError: a place that is full, or not to be written by this user; names the path.
     """
-    _check_name(path)
+    _check_output_name(path)
     path = Path(path)
     suffix = path.suffix.lower()
     with writing(path):
@@ -247,9 +257,10 @@ def check_output_folder(path: str | Path) -> None:
     """Check that files can be written to a folder, which may be missing.
 
     Raises:
-        DataError: it is a file, read-only, full or not to be written by this user; names the path.
+        DataError: it is a file or read-only; names the path.
+        MachineError: it is full, or not to be written by this user; names the path.
     """
-    _check_name(path)
+    _check_output_name(path)
     with writing(path):
         _probe_folder(Path(os.path.realpath(path)), path)
 
@@ -269,9 +280,10 @@ def check_installed(module: str, purpose: str, extra: str) -> None:
         raise DataError(f"{purpose}: pip install 'nsdr[{extra}]'")
 
 
-def _check_name(path: str | Path) -> None:
+def _check_output_name(path: str | Path) -> None:
     if not str(path).strip() or "\0" in str(path):
         raise DataError(f"{str(path)!r}: is no name of an output")
+    check_name(path)
 
 
 def _probe_folder(folder: Path, path: str | Path) -> None:
@@ -296,12 +308,54 @@ def _is_read_only(path: Path) -> bool:
 def find_files(folder: str | Path, pattern: str) -> list[Path]:
     """Files below a folder whose names match, sorted; without hidden ones, such as the unfinished files of a killed process.
 
+    Links to folders are followed. A folder that is reached in several ways is read once, by the way without links if there is
+    one. Files whose names are not UTF-8 are left out with a warning.
+
     Args:
         folder: searched with its subfolders.
         pattern: of names, such as `video_*.mp4`.
     """
-    folder = Path(folder)
-    return sorted(p for p in folder.rglob(pattern) if p.is_file() and not is_hidden(p.relative_to(folder)))
+    found: list[Path] = []
+    read: set[str] = set()
+    links = deque([str(folder)])
+    while links:
+        for place, folders, names in os.walk(links.popleft()):
+            if os.path.realpath(place) in read:
+                folders.clear()
+                continue
+            read.add(os.path.realpath(place))
+            folders[:] = sorted(name for name in folders if not name.startswith("."))
+            links += (path for name in folders if os.path.islink(path := os.path.join(place, name)))
+            found += (Path(place, name) for name in fnmatch.filter(names, pattern) if not name.startswith("."))
+    files = sorted(path for path in found if path.is_file())
+    odd = [path for path in files if not _is_utf8(path)]
+    if odd:
+        others = f" and {len(odd) - 1} more files" if len(odd) > 1 else ""
+        warnings.warn(f"{shown_path(odd[0])}{others}: left out, as the name is not UTF-8; rename it", stacklevel=2)
+    return [path for path in files if _is_utf8(path)]
+
+
+def check_name(path: str | Path) -> None:
+    """Refuse a name that is not UTF-8, which libraries cannot open, some of them ending the process.
+
+    Raises:
+        DataError: names the file, with the odd bytes in hexadecimal form.
+    """
+    if not _is_utf8(path):
+        raise DataError(f"{shown_path(path)}: the name is not UTF-8; rename it")
+
+
+def _is_utf8(path: str | Path) -> bool:
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def shown_path(path: str | Path) -> str:
+    """A path for a message: bytes that are not UTF-8 in hexadecimal form."""
+    return os.fsencode(path).decode(errors="backslashreplace")
 
 
 def by_number(paths: Mapping[str, Path]) -> dict[str, tuple[str, Path]]:

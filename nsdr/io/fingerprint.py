@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from nsdr.errors import DataError
+from nsdr.errors import DataError, machine_error
 
 DIGITS = 16
 """Hexadecimal digits of a fingerprint."""
@@ -82,6 +82,8 @@ def _content_digest(path: Path) -> bytes:
         with path.open("rb") as content:
             return hashlib.file_digest(content, "sha256").digest()
     except OSError as e:
+        if failure := machine_error(e, path):
+            raise failure from e
         reason = "no such file" if isinstance(e, FileNotFoundError) else f"cannot be read ({e.strerror})"
         raise DataError(f"{path}: {reason}") from e
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageSequence
 
-from nsdr.errors import VideoError
+from nsdr.errors import VideoError, machine_error
 from nsdr.io.animation import frame_durations_ms
 from nsdr.io.files import is_hidden
 from nsdr.io.limits import check_limit
@@ -147,4 +147,6 @@ def _opened(file: Path) -> Iterator[Any]:
     except VideoError:
         raise
     except UNREADABLE as e:
+        if failure := machine_error(e, file):
+            raise failure from e
         raise VideoError(f"{file}: a damaged image, or cut off ({' '.join(str(e).split()) or type(e).__name__})") from e

@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 
 from tqdm import tqdm
 
-from nsdr.errors import DataError
+from nsdr.errors import CheckpointError, DataError, MachineError, machine_error
 from nsdr.io.device import available_cores
 from nsdr.io.files import check_installed, locked, remove_partial_files, write_json
 from nsdr.io.fingerprint import fingerprint
@@ -46,12 +46,18 @@ class Outcome(Generic[Item]):
     error: str | None = None
 
 
+_Found = Outcome[Item] | MachineError | CheckpointError
+"""What a worker gives back: an outcome, or an error that says nothing of the item."""
+
+
 def run_tasks(
     function: Callable[[Item], Any], items: Sequence[Item], engine: str = "processes", workers: int = 0
-) -> Iterator[Outcome[Item]]:
+) -> Generator[Outcome[Item], None, None]:
     """Do `function(item)` for all items; outcomes come as they end, in any order. One failure does not stop the rest.
 
-    When a process dies, the tasks that were in work are done again, one by one; a task whose process dies again fails.
+    What is no failure of an item ends the work at once: an error of the machine, such as a full disk, and weights that
+    cannot be loaded. When a process dies, the tasks that were in work are done again, one by one, after all others; when it
+    dies again, the work ends, too.
 
     Args:
         function: travels to other processes, as do the items.
@@ -63,26 +69,29 @@ def run_tasks(
 
     Raises:
         DataError: an unknown engine, or Ray is not installed.
+        MachineError: the machine failed, or a task was lost, such as with its process; names the file or the item.
+        CheckpointError: a task cannot load its weights.
     """
     if engine not in ENGINES:
         raise DataError(f"engine is {engine!r}; expected one of {', '.join(ENGINES)}")
     if workers < 0:
         raise DataError(f"workers is {workers}; expected 0 for one per CPU core, or more")
+    waiting, lost = deque(items), list[_Lost[Item]]()
     if engine == "ray":
-        yield from _side_by_side(_Ray(workers), function, deque(items))
+        lost = yield from _side_by_side(_Ray(workers), function, waiting)
     elif workers == 1 or len(items) <= 1:
         for item in items:
-            yield _attempt(function, item)
+            yield _outcome(_attempt(function, item))
     else:
-        waiting, lost = deque(items), deque[Item]()
+        again: list[_Lost[Item]] = []
         while waiting:
             processes = min(workers or available_cores(), len(waiting))
-            lost += (yield from _side_by_side(_Processes(processes), function, waiting))[0]
-        for item in lost:
-            died, how = yield from _side_by_side(_Processes(1), function, deque([item]))
-            if died:
-                memory = "; it may need more memory than there is" if "SIGKILL" in how else ""
-                yield Outcome(item, error=f"its worker process died twice, the second time alone ({how}){memory}")
+            again += yield from _side_by_side(_Processes(processes), function, waiting)
+        for task in again:  # alone, so that another one's death is not taken for its own
+            lost += yield from _side_by_side(_Processes(1), function, deque([task.item]))
+    if lost:
+        others = f" ({len(lost)} tasks in all)" if len(lost) > 1 else ""
+        raise MachineError(f"{lost[0].item!s:.200}: {lost[0].how}{others}")
 
 
 def run_in_order(
@@ -92,6 +101,7 @@ def run_in_order(
 
     Raises:
         DataError: a task failed.
+        MachineError, CheckpointError: those of `run_tasks`.
     """
     results: dict[int, Any] = {}
     following = 0
@@ -108,21 +118,40 @@ def _numbered(function: Callable[[Item], Any], item: tuple[int, Item]) -> Any:
     return function(item[1])
 
 
-def _attempt(function: Callable[[Item], Any], item: Item) -> Outcome[Item]:
+def _attempt(function: Callable[[Item], Any], item: Item) -> _Found[Item]:
+    """What became of the task, or an error that says nothing of the item."""
     try:
         return Outcome(item, function(item))
+    except CheckpointError as e:
+        return e
     except Exception as e:
         log.debug("task %r failed", item, exc_info=True)
-        return Outcome(item, error=f"{type(e).__name__}: {e}")
+        return machine_error(e, f"{item!s:.200}") or Outcome(item, error=f"{type(e).__name__}: {e}")
+
+
+def _outcome(found: _Found[Item]) -> Outcome[Item]:
+    """The outcome; raises an error that says nothing of the item."""
+    if isinstance(found, Outcome):
+        return found
+    raise found
+
+
+@dataclass(frozen=True)
+class _Lost(Generic[Item]):
+    """A task whose process died, or that did not get to it or back."""
+
+    item: Item
+    how: str
 
 
 def _side_by_side(
     pool: "_Processes | _Ray", function: Callable[[Item], Any], waiting: deque[Item]
-) -> Generator[Outcome[Item], None, tuple[list[Item], str]]:
-    """Yields outcomes. Ends when a process dies, while items may still be waiting; returns those in work, and how it died."""
+) -> Generator[Outcome[Item], None, list[_Lost[Item]]]:
+    """Yields outcomes and returns what was lost. Ends when a process dies, while items may still be waiting."""
     from loky.process_executor import BrokenProcessPool
 
-    running: dict[Future[Outcome[Item]], Item] = {}
+    lost: list[_Lost[Item]] = []
+    running: dict[Future[_Found[Item]], Item] = {}
     with closing(pool):
         while waiting or running:
             try:
@@ -134,13 +163,17 @@ def _side_by_side(
                     if isinstance(error, BrokenProcessPool):
                         raise error
                     item = running.pop(future)
-                    yield future.result() if error is None else Outcome(item, error=_untold(error))
+                    if error is None:
+                        yield _outcome(future.result())
+                    else:
+                        lost.append(_Lost(item, _untold(error)))
             except BrokenProcessPool as e:
                 found = re.search("exit codes of the workers are {(.+)}", str(e))
-                how = f"exit code {found[1]}" if found else str(e).splitlines()[0]
-                log.warning("a worker process died (%s)", how)
-                return list(running.values()), how
-    return [], ""
+                code = f"exit code {found[1]}" if found else str(e).splitlines()[0]
+                log.warning("a worker process died (%s)", code)
+                memory = "; it may need more memory than there is" if "SIGKILL" in code else ""
+                return lost + [_Lost(item, f"its worker process died ({code}){memory}") for item in running.values()]
+    return lost
 
 
 def _untold(error: BaseException) -> str:
@@ -162,8 +195,8 @@ class _Processes:
             workers, initializer=_begin, initargs=(threads, os.getpid()), env=environment
         )
 
-    def submit(self, function: Callable[[Item], Any], item: Item) -> "Future[Outcome[Item]]":
-        future: Future[Outcome[Item]] = self._executor.submit(_attempt, function, item)
+    def submit(self, function: Callable[[Item], Any], item: Item) -> "Future[_Found[Item]]":
+        future: Future[_Found[Item]] = self._executor.submit(_attempt, function, item)
         return future
 
     def close(self) -> None:
@@ -198,9 +231,9 @@ class _Ray:
         self._ray, self._running = ray, dict[Any, Any]()
         self._remote: Any = ray.remote(num_cpus=1, max_retries=RAY_RETRIES)(_attempt_in)
 
-    def submit(self, function: Callable[[Item], Any], item: Item) -> "Future[Outcome[Item]]":
+    def submit(self, function: Callable[[Item], Any], item: Item) -> "Future[_Found[Item]]":
         reference = self._remote.remote(os.getcwd(), function, item)
-        future: Future[Outcome[Item]] = reference.future()
+        future: Future[_Found[Item]] = reference.future()
         self._running[future] = reference
         return future
 
@@ -210,7 +243,7 @@ class _Ray:
                 self._ray.cancel(reference, force=True)
 
 
-def _attempt_in(folder: str, function: Callable[[Item], Any], item: Item) -> Outcome[Item]:
+def _attempt_in(folder: str, function: Callable[[Item], Any], item: Item) -> _Found[Item]:
     """`_attempt` in this program's folder, for relative paths: Ray's workers start in that in which Ray was started."""
     with suppress(OSError):  # machines that lack it share other, absolute, folders
         os.chdir(folder)
@@ -219,7 +252,7 @@ def _attempt_in(folder: str, function: Callable[[Item], Any], item: Item) -> Out
 
 @dataclass(frozen=True)
 class Job(Generic[Item]):
-    """A task that writes files.
+    """A task that writes files; as a text, its name.
 
     Attributes:
         name: for reports and `failures.json`.
@@ -235,6 +268,9 @@ class Job(Generic[Item]):
     output: Path
     fingerprint: str
     source: Path | None = None
+
+    def __str__(self) -> str:
+        return self.name
 
 
 @dataclass(frozen=True)
@@ -277,10 +313,11 @@ def run_jobs(
     """Do `function(item, output)` for every job whose output is missing or was made under another fingerprint.
 
     Fingerprints are kept in `folder/.fingerprints.jsonl`, error messages in `folder/failures.json`. A killed run goes on
-    where it stopped; one failure does not stop the others, and leaves an earlier output as it was.
+    where it stopped; one failure does not stop the others, and leaves an earlier output as it was. An error of the machine ends
+    the work.
 
     Args:
-        function: as of `run_tasks`.
+        function: see `run_tasks`.
         jobs: all of the work, finished or not; outputs lie below `folder`.
         folder: where the outputs are written.
         engine: "processes" or "ray".
@@ -289,8 +326,9 @@ def run_jobs(
         wait: wait for another process that works in the folder, in place of an error.
 
     Raises:
-        DataError: an unknown engine, another process works in the folder, or it cannot be written (no space left). Or two jobs
-            have one output, an output is a file of the folder's own, or it was made from another source, which is still there.
+        DataError: an unknown engine, or another process works in the folder. Or two jobs have one output, an output is a file of
+            the folder's own, or it was made from another source, which is still there.
+        MachineError, CheckpointError: those of `run_tasks`; or the folder cannot be written.
     """
     folder = Path(folder)
     with locked(folder, wait=wait):
@@ -308,13 +346,17 @@ def run_jobs(
         outcomes = run_tasks(partial(_do, function), left, engine, workers)
         # From here on no earlier line vouches for what a kill may leave half replaced.
         append_to_ledger(folder, [replace(made[job.output], fingerprint="") for job in left])
-        for outcome in tqdm(outcomes, total=len(jobs), initial=len(skipped), unit=unit, desc=f"{unit}s"):
-            job = outcome.item
-            if outcome.error:
-                failed[job.name] = outcome.error
-                continue
-            done.append(job.name)
-            append_to_ledger(folder, [made[job.output]])
+        try:
+            with closing(outcomes):
+                for outcome in tqdm(outcomes, total=len(jobs), initial=len(skipped), unit=unit, desc=f"{unit}s"):
+                    job = outcome.item
+                    if outcome.error:
+                        failed[job.name] = outcome.error
+                        continue
+                    done.append(job.name)
+                    append_to_ledger(folder, [made[job.output]])
+        finally:
+            remove_partial_files(folder)  # of workers that were killed
         if failed:
             write_json(folder / FAILURES, dict(sorted(failed.items())), indent=1)
         else:

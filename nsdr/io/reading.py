@@ -20,7 +20,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.errors import DataError
+from nsdr.errors import DataError, MachineError, machine_error
+from nsdr.io.files import check_name
 from nsdr.io.limits import check_limit, limits
 from nsdr.validation import explained
 
@@ -37,7 +38,7 @@ def _named(name: str, kind: str) -> Iterator[None]:
     """Turn every way in which libraries fail to read a damaged file, some undocumented, into one error that names it."""
     try:
         yield
-    except DataError:
+    except (DataError, MachineError):
         raise
     except FileNotFoundError as e:
         raise DataError(f"{name}: no such file") from e
@@ -46,6 +47,8 @@ def _named(name: str, kind: str) -> Iterator[None]:
     except RecursionError as e:
         raise DataError(f"{name}: not a readable {kind} (nested too deeply)") from e
     except Exception as e:
+        if failure := machine_error(e, name):
+            raise failure from e
         reason = getattr(e, "strerror", None) or str(e) or type(e).__name__
         raise DataError(f"{name}: not a readable {kind} ({reason.splitlines()[0]})") from e
 
@@ -61,6 +64,7 @@ def read_bytes(path: str | Path, limit: str = "json_bytes", kind: str = "file") 
     Raises:
         DataError: the file is missing, no regular file, unreadable or too large.
     """
+    check_name(path)
     with _named(str(path), kind):
         status = os.stat(path)
         if not stat.S_ISREG(status.st_mode):

@@ -34,7 +34,8 @@ def average_checkpoints(folders: Sequence[str | Path], part: str, output: str | 
 
     Raises:
         CheckpointError: a file is missing or corrupt; names it.
-        DataError: fewer than two folders, an unknown part, checkpoints of different networks, or `output` cannot be written.
+        DataError: fewer than two folders, an unknown part, or checkpoints of different networks.
+        MachineError: `output` cannot be written.
     """
     if part not in PARTS:
         raise DataError(f"--part: expected one of {', '.join(PARTS)}, got {part!r}")

@@ -160,8 +160,9 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
     Raises:
         FloatingPointError: a loss or a gradient is not finite; the message names the step, and the terms of the loss. The run
             can be resumed from its last checkpoint.
-        DataError: `run_dir` was started with another configuration, another process writes to it, or it cannot be written;
-            or the device cannot be used.
+        DataError: `run_dir` was started with another configuration, another process writes to it, or the device cannot
+            be used.
+        MachineError: `run_dir` cannot be written.
     """
     accelerator = _accelerator(config)
     with locked(run_dir) if accelerator.is_main_process else nullcontext():

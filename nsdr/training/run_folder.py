@@ -33,7 +33,8 @@ def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
     """The configuration of `nsdr train PART` from its arguments; its outputs are checked before any data are read.
 
     Raises:
-        DataError: as of `parse_config`; or `run_dir` or `output` cannot be written.
+        DataError: see `parse_config`; or `run_dir` or `output` is no folder or read-only.
+        MachineError: `run_dir` or `output` cannot be written.
     """
     config: Any = parse_config(kind, argv, f"nsdr train {part}")
     for folder in (config.run_dir, config.output or config.run_dir):
@@ -136,7 +137,7 @@ class RunFolder:
         """Write the checkpoint after so many steps, with the losses of the last one, and delete all but the newest ones.
 
         Raises:
-            DataError: it cannot be written, such as on a full disk; the earlier checkpoints stay.
+            MachineError: it cannot be written, such as on a full disk; the earlier checkpoints stay.
         """
         if not self.writes:
             return
@@ -163,7 +164,8 @@ class RunFolder:
             The number of finished steps (0 without a checkpoint), and the losses of the last one as given to `save`.
 
         Raises:
-            DataError: there are checkpoints, and all are damaged; or the folder cannot be written.
+            DataError: there are checkpoints, and all are damaged.
+            MachineError: the folder cannot be written.
         """
         checkpoints, step, record = _checkpoints(self.path), 0, {}
         for path in checkpoints:
@@ -193,7 +195,7 @@ class RunFolder:
         """Append losses and metrics, and `cpu_seconds`, the CPU time so far, to `metrics.jsonl` and to TensorBoard's events.
 
         Raises:
-            DataError: they cannot be written.
+            MachineError: they cannot be written.
         """
         if self.writes:
             record = {**record, "cpu_seconds": round(self._cpu_before + time.process_time(), 1)}

@@ -121,7 +121,8 @@ def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
         image: uint8 RGB.
 
     Raises:
-        DataError: another ending, or the file cannot be written.
+        DataError: another ending.
+        MachineError: the file cannot be written.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in IMAGE_SUFFIXES:

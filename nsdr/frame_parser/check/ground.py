@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.errors import DataError
+from nsdr.io.files import check_name
 from nsdr.validation import FloatArray
 
 COLUMNS, ROWS = 48, 32
@@ -165,6 +166,7 @@ def read_background(path: str | Path) -> FloatArray:
     Raises:
         DataError: no such file, or not an image.
     """
+    check_name(path)
     if not Path(path).is_file():
         raise DataError(f"{path}: no such file; expected an image of the scene without objects")
     image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
