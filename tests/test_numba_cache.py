@@ -62,6 +62,26 @@ def test_a_read_only_installation_compiles_into_the_users_cache(functions: Path)
     assert python(CALL, functions, XDG_CACHE_HOME=str(functions / "home")).split()[:2] == ["4.0", "1"]
 
 
+def test_without_any_folder_to_write_it_compiles_and_says_so_once(functions: Path) -> None:
+    for name in ("__pycache__", "home"):
+        (functions / name).write_text("in place of a folder that cannot be written")
+    done = subprocess.run(
+        [sys.executable, "-c", CALL],
+        env=os.environ | {"PYTHONPATH": str(functions), "XDG_CACHE_HOME": str(functions / "home")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["4.0", "0", "None"]
+    (note,) = done.stderr.splitlines()
+    assert "NUMBA_CACHE_DIR" in note
+
+
+def test_a_full_disk_costs_the_cache_only(functions: Path) -> None:
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10)); "
+    assert python(limit + CALL, functions, NUMBA_CACHE_DIR=str(functions / "cache")).split()[:2] == ["4.0", "0"]
+
+
 def test_the_simulators_caches_depend_on_the_constants(tmp_path: Path) -> None:
     def files(name: str, value: str) -> dict[str, str]:
         text = python(NAMES.format(name=name, value=value), tmp_path, NUMBA_CACHE_DIR=str(tmp_path))

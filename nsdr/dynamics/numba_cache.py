@@ -4,9 +4,12 @@ import builtins
 import dis
 import hashlib
 import inspect
+import logging
 import pickle
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache
+from multiprocessing import current_process
 from types import CodeType, ModuleType
 from typing import Any, Literal
 
@@ -18,6 +21,7 @@ ERROR_MODEL: Literal["numpy"] = "numpy"
 """A division by zero gives infinity; a test and an exception for each would take long to compile."""
 DIGITS = 12
 """Hexadecimal digits of the digest in the names of cache files."""
+log = logging.getLogger(__name__)
 
 
 def cached_njit(function: Callable[..., Any], inline: bool = False) -> Any:
@@ -26,14 +30,27 @@ def cached_njit(function: Callable[..., Any], inline: bool = False) -> Any:
     Numba compiles in the values of global names and the functions that are called, but its cache looks at the function's own
     file alone. Here a digest of these values and functions is part of the names of the cache files, so other values have files
     of their own, in processes that run at the same time, too. Everything that the function reads must be defined before it.
+    Where no folder can be written, each process compiles for itself, and says so once.
 
     Raises:
         NameError: a global name that the function reads is not defined yet.
     """
     dispatcher: Any = njit(error_model=ERROR_MODEL, forceinline=inline)(function)
     if hasattr(dispatcher, "enable_caching"):  # not with NUMBA_DISABLE_JIT
-        dispatcher._cache = _Cache(function)
+        try:
+            dispatcher._cache = _Cache(function)
+        except RuntimeError:  # no folder for it
+            _say_without_cache()
     return dispatcher
+
+
+@cache
+def _say_without_cache() -> None:
+    if current_process().name == "MainProcess":  # and not in each worker
+        log.warning(
+            "neither the installation nor the user's cache folder can be written, so every start compiles anew, which takes "
+            "up to half a minute; NUMBA_CACHE_DIR=FOLDER keeps what was compiled"
+        )
 
 
 def inlined_njit(function: Callable[..., Any]) -> Any:
@@ -52,6 +69,10 @@ class _Files(CompileResultCacheImpl):
 
 class _Cache(FunctionCache):
     _impl_class = _Files
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(OSError):  # on a full disk, the next process compiles again
+            super().save_overload(sig, data)
 
 
 @cache
