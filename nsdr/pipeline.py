@@ -219,7 +219,10 @@ class Pipeline:
                 probable = existence(tracks)
             if not tracks.tracks:
                 what, least = video or "the proposals", self.tracker.min_frames
-                short = f"there are only {tracks.n_frames}; --set tracker.min_frames=N takes fewer"
+                fewer = max(tracks.n_frames - 1, 0)
+                short = (
+                    f"there are only {tracks.n_frames}; --set tracker.min_frames={fewer} takes what is in all of them"
+                )
                 hint = short if tracks.n_frames <= least else "is it a CLEVRER clip?"
                 raise VideoError(f"{what}: no objects found in more than {least} frames; {hint}")
             observed = None if true_scene is None else collisions_of(true_scene, tracks)

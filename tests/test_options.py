@@ -241,3 +241,11 @@ def test_a_file_that_cannot_be_opened_is_named(capsys, tmp_path) -> None:
 def test_an_option_that_counts_once_is_not_taken_twice(arguments: list[str], capsys) -> None:
     assert main(arguments) == 2
     assert "is given 2 times" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("option", "value"), [("scene.objects", "{3:1.0}"), ("splits", "{train: 1, test:2}")])
+def test_a_map_whose_colons_lack_spaces_is_refused_with_the_remedy(option, value, tmp_path, capsys) -> None:
+    assert main(["generate", "dataset", "-o", str(tmp_path / "d"), f"--{option}", value]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"--{option} {value}: " in line
+    assert "a space after each colon" in line

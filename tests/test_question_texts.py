@@ -2,9 +2,9 @@
 
 import pytest
 
-from nsdr import Executor, QuestionParser, Scene
+from nsdr import Executor, QuestionError, QuestionParser, Scene
 from nsdr.clevrer.files.questions import read_questions
-from nsdr.question_parser.grammar import readings
+from nsdr.question_parser.grammar import GrammarParser, readings
 
 
 def reading(text: str) -> list[str]:
@@ -53,3 +53,11 @@ def test_no_real_text_is_refused(shared) -> None:
     for kind in ("descriptive", "multiple_choice", "choice"):
         of_kind = {text: program for (k, text), program in texts.items() if k == kind}
         assert [list(p.tokens) for p in parser.parse_batch(list(of_kind), kind)] == list(of_kind.values())
+
+
+@pytest.mark.parametrize("text", ["z" * 1990, "How many zebras and " + "blue " * 380 + "cubes are there?"])
+def test_an_error_about_a_long_text_is_short(text: str) -> None:
+    with pytest.raises(QuestionError) as caught:
+        GrammarParser().parse(text)
+    assert text[:30] in str(caught.value)
+    assert len(str(caught.value)) < 800

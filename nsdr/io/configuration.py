@@ -3,6 +3,7 @@
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -56,6 +57,8 @@ def parse_config(kind: type[T], argv: Sequence[str] | None, program: str) -> T:
         DataError: an unreadable file, an unknown or missing key, or a value of another type or out of its range; names it.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
+    for name, value in pairwise(arguments):
+        _check_spaces(name, value)
     files = [value for name, value in pairwise(arguments) if name == "--config"]
     files += [value.removeprefix("--config=") for value in arguments if value.startswith("--config=")]
     for file in files:
@@ -85,6 +88,16 @@ def config_of(kind: type[T], values: Mapping[str, Any]) -> T:
         return kind(**parser.instantiate(parser.parse_object(dict(values))).as_dict())
     except UNUSABLE as e:
         raise DataError(" ".join(str(e).split()) or type(e).__name__) from e
+
+
+def _check_spaces(name: str, value: str) -> None:
+    """Refuse `{3:1.0}`, which YAML takes for a key without a value, and such a key for a number to the base of 60."""
+    import yaml
+
+    with suppress(yaml.YAMLError):
+        content = yaml.safe_load(value) if value.startswith("{") else {}
+        if any(v is None and (isinstance(k, float) or ":" in str(k)) for k, v in content.items()):
+            raise DataError(f"{name} {value}: expected a space after each colon, such as {{a: 1}}")
 
 
 def _check_sections(kind: Any, content: Any, where: str) -> None:

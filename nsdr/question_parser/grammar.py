@@ -62,14 +62,14 @@ class GrammarParser(Parser):
         if not programs:
             normal = normal_form(text)
             if normal.left_out:
-                raise NoReadingError(f"unknown word {normal.left_out[0]!r}: {_refusal(text, kind)}")
+                raise NoReadingError(f"unknown word {normal.left_out[0]!r:.40}: {_refusal(text, kind)}")
             if normal.is_hedged and kind == "choice":
-                raise QuestionError(f"{text!r}: an option says what happens, not what may happen; {REMEDY}")
+                raise QuestionError(f"{text!r:.200}: an option says what happens, not what may happen; {REMEDY}")
             notes += [f"read {word!r} as {known!r}" for word, known in normal.corrections]
             programs = readings(text, kind)
         if len(programs) > 1:
             texts = " or as ".join(repr(_said(program)) for program in programs)
-            raise QuestionError(f"{text!r} can be read as {texts}; {REMEDY}")
+            raise QuestionError(f"{text!r:.200} can be read as {texts}; {REMEDY}")
         if programs:
             if normal_form(text).is_hedged:
                 notes.append(f"understood as {_said(programs[0])!r}")
@@ -123,7 +123,7 @@ def another_kind(text: str, kind: str) -> QuestionError:
         "choice": 'a choice names an object or event, such as "the presence of the red cube"',
     }
     name = {"descriptive": "descriptive question", "multiple_choice": "multiple-choice question"}.get(kind, kind)
-    return QuestionError(f"{text!r} is not a {name}; {remedy[kind]}, or {REMEDY}")
+    return QuestionError(f"{text!r:.200} is not a {name}; {remedy[kind]}, or {REMEDY}")
 
 
 def _refusal(text: str, kind: str) -> str:
@@ -136,9 +136,9 @@ def _refusal(text: str, kind: str) -> str:
         if programs:
             said = " ".join(words[i].strip(",.;:?!") for i in unused)
             noun, verb = ("words", "were") if len(unused) > 1 else ("word", "was")
-            why = f"the {noun} {said!r} {verb} not used"
-            return f"{text!r} fits no program (understood: {_said(programs[0])}; {why}); {REMEDY}"
-    return f"{text!r} fits no program; {REMEDY}"
+            why = f"the {noun} {said!r:.200} {verb} not used"
+            return f"{text!r:.200} fits no program (understood: {_said(programs[0])}; {why}); {REMEDY}"
+    return f"{text!r:.200} fits no program; {REMEDY}"
 
 
 def _said(tokens: Sequence[str]) -> str:

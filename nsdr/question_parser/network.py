@@ -87,7 +87,7 @@ class QuestionParser(PretrainedPart, Parser):
                 check_text(text, kind)
                 unknown = normal_form(text).left_out
                 if unknown:
-                    raise QuestionError(f"unknown word {unknown[0]!r} in {text!r}; {REMEDY}")
+                    raise QuestionError(f"unknown word {unknown[0]!r:.40} in {text!r:.200}; {REMEDY}")
                 readable.append(i)
             except NsdrError as e:
                 found[i] = e
@@ -124,8 +124,8 @@ def _program(text: str, tokens: list[str], kind: str, probability: float) -> Pro
     try:
         program = Program.parse(tokens)
     except ProgramError as e:
-        raise QuestionError(f"{text!r} fits no program ({e}); {REMEDY}") from e
+        raise QuestionError(f"{text!r:.200} fits no program ({e}); {REMEDY}") from e
     if probability < MIN_PROBABILITY:
         reason = f"the best one has a probability of {probability:.0%}"
-        raise QuestionError(f"{text!r} fits no program ({reason}); {REMEDY}")
+        raise QuestionError(f"{text!r:.200} fits no program ({reason}); {REMEDY}")
     return program

@@ -57,5 +57,5 @@ class Tokenizer:
             raise QuestionError(f"the text {text!r} is empty")
         for word in words:
             if word not in self._index:
-                raise QuestionError(f"unknown word {word!r} in {text!r}")
+                raise QuestionError(f"unknown word {word!r:.40} in {text!r:.200}")
         return [self._index[word] for word in words]
