@@ -326,8 +326,8 @@ def run_jobs(
         wait: wait for another process that works in the folder, in place of an error.
 
     Raises:
-        DataError: an unknown engine, or another process works in the folder. Or two jobs have one output, an output is a file of
-            the folder's own, or it was made from another source, which is still there.
+        DataError: an unknown engine, or another process works in the folder. Or two jobs have one output, an output is a file
+            of the folder's own, or it was made from another source, which is still there.
         MachineError, CheckpointError: those of `run_tasks`; or the folder cannot be written.
     """
     folder = Path(folder)

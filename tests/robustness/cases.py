@@ -13,6 +13,7 @@ from tests.robustness.data_sets import data_set_cases
 from tests.robustness.documents import document_cases
 from tests.robustness.files import file_cases
 from tests.robustness.library import library_cases
+from tests.robustness.machines import machine_cases
 from tests.robustness.options import option_cases
 from tests.robustness.texts import text_cases
 from tests.robustness.videos import hostile_video_cases
@@ -38,6 +39,7 @@ def _cases() -> Iterator[Case]:
     yield from data_set_cases()
     yield from agent_cases()
     yield from hostile_video_cases()
+    yield from machine_cases()
 
 
 def sample_cases(count: int, seed: int) -> list[Case]:

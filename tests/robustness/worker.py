@@ -117,6 +117,9 @@ def _serve() -> None:
     import nsdr.training.question_parser  # noqa: F401
     from nsdr.cli.main import main
     from tests.robustness.library import CALL, call
+    from tests.robustness.machines import FULL, on_full_disk
+
+    runners = {CALL: call, FULL: on_full_disk}
 
     limit = _memory("VmSize") + SPARE_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
@@ -133,7 +136,7 @@ def _serve() -> None:
         status, ended = None, ""
         os.chdir(folder)
         try:
-            status = call(argv[1:]) if argv[0] == CALL else main(argv)
+            status = runners.get(argv[0], main)(argv[argv[0] in runners :])
         except BaseException as e:
             ended = f"raised {type(e).__name__}"
             traceback.print_exc()
