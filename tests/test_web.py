@@ -3,6 +3,7 @@
 import html
 import json
 import os
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -215,9 +216,13 @@ def test_messages_name_files_without_their_folders() -> None:
 def test_errors_become_one_line_and_bugs_are_logged(small_scene: Scene, caplog: pytest.LogCaptureFixture) -> None:
     pipeline: Any = FakePipeline(small_scene)
     page, shown = page_of(Clips(pipeline, 5), Path())
-    with pytest.raises(shown, match=r"^there is no clip yet, .*; pick or upload one$"), page._told():
-        page._ask("", "How many collisions happen?", None)
+    said = page._ask("", "How many collisions happen?", None)
+    assert re.search("<p class=error>there is no clip yet, .*; pick or upload one<", said)
+    with pytest.raises(shown, match=r"^no <b> here; it is in v\.mp4$"), page._told():
+        raise DataError("no <b> here; it is in /srv/secret/v.mp4")
     assert caplog.text == ""
+    page.clips.kept = lambda key: {}[key]
+    assert "a bug in nsdr" in page._ask("", "How many collisions happen?", None)
     with pytest.raises(shown, match="a bug in nsdr"), page._told():
         1 / 0  # noqa: B018
     assert "ZeroDivisionError" in caplog.text

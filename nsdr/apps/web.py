@@ -215,41 +215,39 @@ class _Page:
         change_parts = [self.object, *self.sliders]
         found = [self.clip, self.video, self.notes, self.timeline, self.answer, self.compared, self.difference]
         found += [*self.buttons, self.from_frame, self.change, *change_parts, self.laws]
-        self.pick.select(picked, self.pick, found, show_progress_on=self.video, **work)
+        # Of Gradio's events, only "change" comes with the mouse and the keyboard alike, and once.
+        some = self.pick.change(self._some, self.pick, None, **silent)
+        some.success(picked, self.pick, found, show_progress_on=self.video, **work)
         for place in (self.upload, self.drop):
             looked = place.upload(uploaded, place, found, show_progress_on=self.video, **work)
+            looked.success(lambda: None, None, self.pick, **silent)  # so that the same clip can be picked again
             looked.then(lambda: None, None, self.drop, **silent)  # makes room for the next one
 
         asked = [self.clip, self.question, self.choices]
-        answers = [on(told(self._ask), asked, self.answer, **quick) for on in (self.ask.click, self.question.submit)]
+        self.ask.click(self._ask, asked, self.answer, **quick)
+        self.question.submit(self._ask, asked, self.answer, **quick)
         for index, button in enumerate(self.buttons):
-            filled = button.click(
-                told(partial(self._example, index)), self.clip, [self.question, self.choices], **silent
-            )
-            answers += [filled, filled.success(told(self._ask), asked, self.answer, **quick)]
-        for answer in answers:
-            answer.failure(lambda: "", None, self.answer, **silent)  # which would be that of another question
+            example = told(partial(self._example, index))
+            filled = button.click(example, self.clip, [self.question, self.choices], **silent)
+            filled.then(self._ask, asked, self.answer, **quick)
         self.change.input(told(self._change), [self.clip, self.change], change_parts, **silent)
         given = [self.clip, self.change, self.object, self.from_frame, *self.sliders]
         outputs = [self.difference, self.compared]
         changed = self.simulate.click(simulated, given, outputs, show_progress_on=self.compared, **work)
         changed.failure(lambda: ("", None), None, outputs, **silent)
 
+    def _some(self, name: str | None) -> None:
+        """End a chain of events silently where nothing is picked any more."""
+        if name is None:
+            raise self.gr.Error("no clip is picked", visible=False, print_exception=False)
+
     @contextmanager
     def _told(self) -> Iterator[None]:
-        """Show a visitor the errors within as one line; those of the program's own are only logged in full."""
+        """Show a visitor the errors within as one line. Gradio does so for work of its queue only."""
         try:
             yield
-        except NsdrError as e:
-            raise self.gr.Error(without_folders(str(e)), print_exception=False, duration=ERROR_SECONDS) from e
-        except OSError as e:
-            log.exception("a visitor's request failed")
-            message = f"The server cannot do that now: {e.strerror}. Try again in a few minutes."
-            raise self.gr.Error(message, print_exception=False) from e
         except Exception as e:
-            log.exception("a visitor's request failed")
-            message = "That failed by a bug in nsdr; the server's output says where."
-            raise self.gr.Error(message, print_exception=False) from e
+            raise self.gr.Error(_reason(e), print_exception=False, duration=ERROR_SECONDS) from e
 
     def _looked_at(self, path: Path, progress: Callable[..., Any]) -> Iterator[dict[Any, Any]]:
         """What is found in a clip, and then which laws it breaks; the reason where it is refused."""
@@ -301,10 +299,14 @@ class _Page:
         return f"<div class=panel>{judgement_html(judgement, tracks, frames, '#tracks video' if whole else '')}</div>"
 
     def _ask(self, key: str, question: str | None, choices: str | None) -> str:
-        clip = self.clips.kept(key)
-        texts = [line.strip() for line in (choices or "").splitlines() if line.strip()]
-        check_asked(question or "", texts)
-        return answer_panel(self.clips.answer(clip, question or "", texts), clip)
+        """The answer, or why there is none."""
+        try:
+            clip = self.clips.kept(key)
+            texts = [line.strip() for line in (choices or "").splitlines() if line.strip()]
+            check_asked(question or "", texts)
+            return answer_panel(self.clips.answer(clip, question or "", texts), clip)
+        except Exception as e:
+            return f"<div class=panel><p class=error>{html.escape(_reason(e))}</p></div>"
 
     def _example(self, index: int, key: str) -> tuple[str, str]:
         """Question and choices of an example's button."""
@@ -345,6 +347,16 @@ class _Page:
             if all(old != video for video, _ in self.shown.values()):
                 old.unlink()
         return self.folder / f"{secrets.token_hex(16)}.mp4"
+
+
+def _reason(error: Exception) -> str:
+    """What a visitor reads about an error. Those of the program's own are only logged in full."""
+    if isinstance(error, NsdrError):
+        return without_folders(str(error))
+    log.error("a visitor's request failed", exc_info=error)
+    if isinstance(error, OSError):
+        return f"The server cannot do that now: {error.strerror}. Try again in a few minutes."
+    return "That failed by a bug in nsdr; the server's output says where."
 
 
 def _not_judged(reason: NsdrError) -> str:
