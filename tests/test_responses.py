@@ -315,13 +315,12 @@ def test_a_word_that_is_taken_back_is_not_read(text: str) -> None:
         *(" ", "?", "! ", "_", ",", ";"),
     ],
 )
-def test_repeated_pieces_of_the_greatest_length_are_read(unit: str) -> None:
-    """A reader whose work grows with the square of the length would take minutes for one of them."""
-    for before, after in product(("", "<answer>The", "Answer: "), ("", "red</answer>", "x")):
-        text = before + unit * ((MAX_LENGTH - len(before + after)) // len(unit)) + after
-        for options in ((), OPTIONS):
-            response = read_response(text, options)
-            assert (response.answer is None) == bool(response.problem)
+def test_long_texts_of_repeated_pieces_are_read(unit: str) -> None:
+    """A reader whose work grows with the square of the length would take minutes for them."""
+    for before, options in product(("", "<answer>The"), ((), OPTIONS)):
+        text = before + unit * (MAX_LENGTH // 2 // len(unit)) + "red</answer>"
+        response = read_response(text, options)
+        assert (response.answer is None) == bool(response.problem)
 
 
 @pytest.mark.parametrize(
