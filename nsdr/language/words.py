@@ -50,8 +50,8 @@ def read_replacements(content: str, name: str) -> tuple[Replacement, ...]:
             names[key] = value
             continue
         pattern, arrow, template = line.partition(" =>")
-        text, _, result = (lines.pop(0) if lines and lines[0].startswith(" ") else "").partition("->")
-        if not arrow:
+        text, to, result = (lines.pop(0) if lines and lines[0].startswith(" ") else "").partition("->")
+        if not arrow or not to:
             raise DataError(f"{name}.txt: {line!r} has no {'sentence' if arrow else 'replacement'}; write it below it")
         for key in reversed(names):
             pattern = pattern.replace(key, names[key])
