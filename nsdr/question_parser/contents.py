@@ -28,7 +28,7 @@ _MALFORMED = re.compile(
     r"\b(\w+) \1\b"
     r"|(?<!how )\bmany\b|\bmany (?!(?:moving |stationary )?(?:NS|OS|collisions?)\b)"
     r"|(?<!^)(?<!what )(?<!the )(?<!its )(?<!'s )\b(?:color|shape)\b"
-    r"|\bhappen .*\bhappen\b|^(?:be|do|have|can)\b.*\bthe (?:moving |stationary )?(?:NS|OS)\b"
+    r"|\bhappen .*\bhappen\b|\bwill (?!(?:not )?happen\b)|^(?:be|do|have|can)\b.*\bthe (?:moving |stationary )?(?:NS|OS)\b"
     r"|\b(?:not|no) (?!(?:happen|happening|cause)\b)|\b(?:NS|OS) and (?:the )?(?:N|O|NS|OS)\b"
     r"|\bcaused\b|\bwhy\b|(?<!what )(?<!who )(?<!not )(?<!what be the )(?<!who be the )(?<!not the )(?<!not a )\bcause\b"
     r"|\bcause\b.*\b(?:a|any|another) [NO]\b"

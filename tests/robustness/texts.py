@@ -1,6 +1,7 @@
-"""Programs and texts that mean nothing."""
+"""Programs and texts that mean nothing, and texts that say what no program says."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 from nsdr.clevrer.example import TRUTH
 from tests.robustness.case import Case
@@ -28,9 +29,24 @@ TEXTS = {
     "cut off": "How many collisions happen before the",
 }  # fmt: skip
 
+TEXT_FILES = Path(__file__).parent.parent / "texts"
+"""Texts by kind; those without " => " must be refused (tests/test_texts.py reads them all)."""
+EVERY = 20
+"""Each so many text that must be refused is a case."""
+
+
+def refused_texts() -> Iterator[tuple[str, str]]:
+    """A name and a text of each case."""
+    for path in sorted(TEXT_FILES.glob("*.txt")):
+        lines = path.read_text().splitlines()
+        texts = [line for line in lines if line and not line.startswith("#") and " => " not in line]
+        yield from ((f"{path.stem} {i}", text) for i, text in enumerate(texts) if i % EVERY == 0)
+
 
 def text_cases() -> Iterator[Case]:
     """All wrong programs and texts."""
+    for name, text in refused_texts():
+        yield Case("text, parse-question", name, ("parse-question", text))
     for name, text in PROGRAMS.items():
         yield Case("program", name, ("execute", "--scene", str(TRUTH), f"--program={text}"))
     for name, text in TEXTS.items():
