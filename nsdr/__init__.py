@@ -7,16 +7,22 @@ question -> question parser -> program;  program + scene -> executor -> answer w
     >>> pipeline = nsdr.Pipeline.from_pretrained()
     >>> pipeline.answer("video.mp4", "How many collisions happen?").answer
 
-Names load their modules when first used, so `import nsdr` is quick. Import it before torch: it lets torch's idle threads
-sleep, which must be set before torch loads (see `nsdr.io.device`).
+Names load their modules when first used, so `import nsdr` is quick. Use the first of them before torch is imported: they load
+torch so that its idle threads sleep (see `nsdr.io.device`).
 """
+
+from typing import Any
 
 import lazy_loader
 
-from nsdr.io.device import wait_passively
+from nsdr.io.device import passive_threads
 
 __version__ = "1.0.0"
 
-wait_passively()
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+def __getattr__(name: str) -> Any:
+    """What is loaded when it is first used."""
+    with passive_threads():
+        return _load(name)

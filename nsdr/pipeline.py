@@ -20,6 +20,7 @@ from nsdr.io.decoding import check_is_video
 from nsdr.io.device import resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.notes import Note, distinct, unsaid
+from nsdr.io.registry import checked_result
 from nsdr.laws.judge import judge
 from nsdr.pipeline_config import PipelineConfig, pipeline_settings
 from nsdr.question_parser.auto import AutoParser
@@ -209,7 +210,7 @@ class Pipeline:
                 self._kept.move_to_end(key)
                 return self._kept[key][1]
             notes: list[str] = []
-            proposals = self.frame_parser.parse(self.frames(video, note=notes.append), progress=self.progress)
+            proposals = self._parsed(self.frames(video, note=notes.append))
             proposals = replace(proposals, notes=distinct(proposals.notes, notes))
         probable = None
         if dynamics is None:
@@ -231,7 +232,9 @@ class Pipeline:
                 if video is None or proposals is None:
                     raise VideoError("this dynamics backend reads images; give videos in place of proposals or tracks")
                 more = [observed, VideoPixels(self.frames(video, note=unsaid), proposals)]
-            dynamics = self.dynamics.predict(tracks, *more)
+            dynamics = checked_result(
+                self.dynamics.predict(tracks, *more), DynamicsPrediction, self.dynamics, "predict"
+            )
         camera = self.camera if tracks is None else tracks.camera
         scene = scene_from_prediction(dynamics, probable, camera)
         if tracks is not None:
@@ -309,10 +312,15 @@ class Pipeline:
             late: list[float] = []
             notes: list[str] = []
             frames = clip_frames(video, self.video, beyond_cuts=True, late=late, note=notes.append)
-            proposals = self.frame_parser.parse(frames, progress=self.progress)
+            proposals = self._parsed(frames)
             proposals = replace(proposals, notes=distinct(proposals.notes, notes))
             self._kept_proposals = key, (proposals, np.array(late[: proposals.n_frames]))
         return self._kept_proposals[1]
+
+    def _parsed(self, frames: Iterator[NDArray[np.uint8]]) -> VideoProposals:
+        """What the frame parser finds; raises `DataError` where it gives something else."""
+        found = self.frame_parser.parse(frames, progress=self.progress)
+        return checked_result(found, VideoProposals, self.frame_parser, "parse")
 
     def answer(
         self,

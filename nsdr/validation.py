@@ -114,13 +114,14 @@ def check_fields(owner: Any, where: str) -> None:
         _check_arrays(owner, arrays, where)
 
 
-def convert(document: Any, kind: Any, where: str = "") -> Any:
+def convert(document: Any, kind: Any, where: str = "", place: str = "") -> Any:
     """A value of the type `kind` from plain values, such as the content of a JSON file.
 
     Args:
         document: dictionaries, lists, texts and numbers.
         kind: a msgspec structure, a `TypedDict`, or a type made of them.
         where: what stands before the place in the document, for error messages: "file.json: ".
+        place: the document's place in a larger one, such as "[3]".
 
     Raises:
         DataError: names the place, what was expected and what was found.
@@ -128,7 +129,7 @@ def convert(document: Any, kind: Any, where: str = "") -> Any:
     try:
         return msgspec.convert(document, kind, str_keys=True)
     except msgspec.ValidationError as e:
-        raise DataError(explained(e, document, kind, where)) from e
+        raise DataError(explained(e, document, kind, where, place)) from e
     except RecursionError as e:
         raise DataError(f"{where}nested too deeply") from e
 

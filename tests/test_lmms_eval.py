@@ -66,6 +66,12 @@ def test_missing_videos_and_variables_are_named(
 ) -> None:
     with pytest.raises(DataError, match=r"has no video_500002.mp4, which .*questions_500002.json asks about"):
         utils.rows(str(QUESTIONS), str(tmp_path))
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / VIDEO.name).write_bytes(b"of another data set")
+    with pytest.raises(DataError, match=r"a/video_500002\.mp4 and .*b/video_500002\.mp4 have one name"):
+        utils.rows(str(QUESTIONS), str(tmp_path))
     monkeypatch.delenv("NSDR_QUESTIONS")
+    loaded = _load()  # lmms-eval imports all task packs of a folder, whichever is run
     with pytest.raises(DataError, match="NSDR_QUESTIONS is not set"):
-        _load()
+        loaded.process_docs(None)

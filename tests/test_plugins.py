@@ -8,16 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from pycocotools import mask as rle
 
 import nsdr
-from nsdr.clevrer import proposals_from_masks
+from nsdr.clevrer import proposals_from_masks, read_questions
+from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.cli.main import main
 from nsdr.dynamics import BACKENDS
 from nsdr.io.registry import Registry
 from nsdr.io.video import read_video
 from nsdr.world.vocabulary import attributes_of
+
+from .test_layouts import INDEX, LAYOUTS, write_layout
 
 PAGE = Path(__file__).parent.parent / "docs" / "plugins.md"
 
@@ -78,6 +82,55 @@ def test_an_installed_source_is_used_by_name(package, tmp_path) -> None:
     assert json.loads((tmp_path / "out.json").read_text())["descriptive"]["accuracy"] == 1.0
 
 
+def test_the_documented_source_finds_videos_in_folders(tmp_path) -> None:
+    (scene,) = read_questions(QUESTIONS)
+    split = write_layout(tmp_path / "data", LAYOUTS["as SlotFormer wants it"])
+    (tmp_path / "data" / "videos" / scene.video_filename).touch()
+    make_source = defined("source")["make_source"]
+    assert make_source(tmp_path / "data", {scene.scene_index})(scene)["video"].name == scene.video_filename
+    of_split = make_source(CLEVRER(split).split("validation"), {INDEX})
+    assert of_split(replace(scene, scene_index=INDEX))["video"].name == f"video_{INDEX}.mp4"
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "message"),
+    [
+        ("raises", "lambda questions: {}['missing']", r"raises \(my_raises\) failed: KeyError: 'missing'"),
+        ("counts", "lambda questions: 3", "source counts returned a int; expected an nsdr.Scene"),
+    ],
+)
+def test_what_an_installed_part_does_wrong_is_no_bug_of_ours(
+    name, source, message, tmp_path, monkeypatch, capsys
+) -> None:
+    (tmp_path / f"my_{name}.py").write_text(f"def make_source(data, wanted):\n    return {source}\n")
+    metadata = tmp_path / f"my_{name}-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: my-{name}\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(f"[nsdr.scene_sources]\n{name} = my_{name}:make_source\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    command = ["evaluate", "--questions", str(QUESTIONS), "--data", str(TRUTH.parent), "--source", name]
+    assert main([*command, "--programs", "gold", "-o", str(tmp_path / "out.json")]) in (1, 2)
+    assert re.search(message, capsys.readouterr().err)
+
+
+def test_parts_that_return_something_else_are_named(example_scene, short_video) -> None:
+    class Texts:
+        def parse(self, text: str, kind: str = "descriptive") -> str:
+            return "events objects filter_collision count"
+
+    class Lists:
+        def parse(self, frames, progress: bool = False) -> list:
+            return []
+
+    pipeline = nsdr.Pipeline.from_pretrained()
+    pipeline.frame_parser = Lists()
+    with pytest.raises(nsdr.DataError, match=r"Lists\.parse returned a list; expected an nsdr\.VideoProposals"):
+        pipeline.scene(short_video)
+    pipeline.question_parser = Texts()
+    with pytest.raises(nsdr.DataError, match=r"Texts\.parse returned a str; expected an nsdr\.Program"):
+        pipeline.answer(example_scene, "How many collisions happen?")
+
+
 def test_unknown_names_and_broken_packages_are_named(capsys) -> None:
     assert main(["answer", str(VIDEO), "-q", "How many collisions happen?", "--dynamics", "zebra"]) == 2
     assert "dynamics backend (or YAML file) 'zebra': expected one of physics, state, paper" in capsys.readouterr().err
@@ -121,6 +174,19 @@ def test_masks_of_another_size_are_refused() -> None:
         proposals_from_masks(2, [(1, red, 1.0, np.ones((480, 320), bool))])
     with pytest.raises(nsdr.DataError, match="pink"):
         proposals_from_masks(2, [(1, ("pink", "metal", "cube"), 1.0, np.ones((320, 480), bool))])
+
+
+@pytest.mark.parametrize("dtype", [bool, np.uint8, float, np.float16])
+def test_a_soft_mask_counts_where_it_is_at_least_one_half(dtype) -> None:
+    probable = np.zeros((320, 480))
+    probable[100:110, 200:220] = 0.9
+    probable[110:120, 200:220] = 0.4
+    mask = probable if np.dtype(dtype).kind == "f" else probable > 0.5
+    found = proposals_from_masks(1, [(0, ("red", "metal", "cube"), 1.0, mask.astype(dtype))])
+    assert found.area_px.tolist() == [200]
+    for wrong in (3.0, -1.0, np.nan):
+        with pytest.raises(nsdr.DataError, match="frame 0: mask: expected true or false, or probabilities"):
+            proposals_from_masks(1, [(0, ("red", "metal", "cube"), 1.0, np.full((320, 480), wrong))])
 
 
 def test_the_documented_question_parser_answers_in_german(example_scene) -> None:

@@ -13,8 +13,8 @@ from typing import Any
 
 from nsdr.clevrer import prompt, read_questions, read_response, solution, write_responses
 from nsdr.clevrer.answers.prompts import option_letters
+from nsdr.clevrer.layout import FolderFiles
 from nsdr.errors import DataError
-from nsdr.io.files import find_files
 
 
 def _variable(name: str) -> str:
@@ -24,8 +24,9 @@ def _variable(name: str) -> str:
     return value
 
 
-DATA_FILES = {"test": _variable("NSDR_QUESTIONS")}
-"""What `datasets` loads; `process_docs` then reads the same file by nsdr's own reader, which checks it."""
+DATA_FILES = {"test": os.environ.get("NSDR_QUESTIONS", "NSDR_QUESTIONS is not set")}
+"""What `datasets` loads; `process_docs` then reads the same file by nsdr's own reader, which checks it. lmms-eval imports every
+task pack of a folder, so that a missing variable is an error only when this task is run."""
 
 
 def process_docs(_: Any) -> Any:
@@ -40,21 +41,21 @@ def rows(questions: str, videos: str) -> list[dict[str, Any]]:
 
     Args:
         questions: question file.
-        videos: folder, which is searched for the videos.
+        videos: folder, which is searched with its subfolders for the videos.
 
     Raises:
-        DataError: a video is missing, or a question has no answer.
+        DataError: a video is missing, two files have its name, or a question has no answer.
     """
-    paths = {path.name: path for path in find_files(Path(videos), "*.mp4")}
-    found = []
+    files, found = FolderFiles(Path(videos)), []
     for scene in read_questions(questions):
-        if scene.video_filename not in paths:
+        path = files.find_video(scene.video_filename)
+        if path is None:
             raise DataError(f"{videos}: has no {scene.video_filename}, which {questions} asks about")
         for question in scene.questions:
             about = {"scene_index": scene.scene_index, "question_id": question.id, "type": question.type}
             options = [{"text": c.text, "right": c.answer == "correct"} for c in question.choices]
             texts = {"prompt": prompt(question), "target": solution(question), "answer": question.answer or ""}
-            found.append({**about, **texts, "options": options, "video": str(paths[scene.video_filename].resolve())})
+            found.append({**about, **texts, "options": options, "video": str(path.resolve())})
     return found
 
 

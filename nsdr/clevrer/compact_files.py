@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from nsdr.clevrer.dataset import CLEVRER
-from nsdr.clevrer.files.annotations import check_annotation, check_truth, truth_block, write_truth
+from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_annotation, check_truth, truth_block, write_truth
 from nsdr.clevrer.files.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, parse_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.errors import DataError
@@ -18,6 +17,7 @@ from nsdr.io.files import atomic_path, locked
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.reading import parse_json, read_bytes, read_json, read_npz
+from nsdr.validation import expect
 
 __all__ = ["write_compact_files"]
 
@@ -64,16 +64,16 @@ def write_compact_files(
         generated = Path(root) / "truth" / split / f"truth_{index:05d}.json"
         if truth is None and generated.is_file():
             truth = generated
-        value = fingerprint(inputs=[p for p in (path, truth) if p is not None], config=[VERSION, files.n_frames])
+        value = fingerprint(inputs=[p for p in (path, truth) if p is not None], config=[VERSION])
         jobs.append(Job(f"video {index}", (index, path, truth), folder / "videos" / f"{index:05d}.npz", value))
     with locked(folder):
-        summary = run_jobs(partial(_write_video, files.n_frames), jobs, folder, engine, workers)
+        summary = run_jobs(_write_video, jobs, folder, engine, workers)
         jobs = summary.succeeded(jobs, output, keep_going)
         _join([job.output for job in jobs], folder)
     return len(jobs)
 
 
-def _write_video(n_frames: int, video: tuple[int, Path, Path | None], output: Path) -> None:
+def _write_video(video: tuple[int, Path, Path | None], output: Path) -> None:
     """Write the rows of one video, and its ground-truth block as JSON text."""
     index, path, truth = video
     name = str(path)
@@ -82,7 +82,7 @@ def _write_video(n_frames: int, video: tuple[int, Path, Path | None], output: Pa
     if "ground_truth" in content:
         block = ground_truth_of(content, name)
     elif truth is not None:
-        block = _block(truth, n_frames)
+        block = _block(truth, proposals.n_frames)
     else:
         raise DataError(f"{name}: has no ground_truth, and there is no annotation_{index:05d}.json of the split")
     block = {"video": index, "n_frames": proposals.n_frames, **block}
@@ -97,7 +97,10 @@ def _block(path: Path, n_frames: int) -> dict[str, Any]:
     if isinstance(content, dict) and "motion_trajectory" not in content:
         check_truth(content, f"{path}: ")
         return truth_block(scene_from_truth(content))
-    check_annotation(content, n_frames, f"{path}: ")
+    check_annotation(content, f"{path}: ")
+    n, video = len(content["motion_trajectory"]), content["scene_index"]
+    fits = n == n_frames or video in IRREGULAR_VIDEOS
+    expect(fits, f"{path}: motion_trajectory", f"{n_frames} frames, as the proposals of video {video} have", n)
     return truth_block(scene_from_annotation(content))
 
 

@@ -1,17 +1,15 @@
 """Access to a folder with CLEVRER's files by split and video index, and a list of what is missing."""
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 from nsdr.clevrer.files.annotations import check_annotation
 from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.clevrer.files.questions import SceneQuestions, read_questions
+from nsdr.clevrer.layout import DataSetFiles
 from nsdr.errors import DataError
-from nsdr.io.files import find_files
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.types import VideoProposals
@@ -24,18 +22,18 @@ SPLITS = {"train": range(0, 10000), "validation": range(10000, 15000), "test": r
 """Video indices of each split."""
 KINDS = ("videos", "annotations", "questions", "proposals")
 """Kinds of files."""
-_FOLDERS = {
-    "videos": ["videos/{split}", "video_{split}"],
-    "annotations": ["annotations/{split}", "annotation_{split}"],
-    "proposals": ["derender_proposals", "processed_proposals", "proposals"],
-}
-"""Folders that may hold each kind of file, later ones first choice."""
 _FILES = {
     "videos": ["video_{index:05d}.mp4"],
     "annotations": ["annotation_{index:05d}.json"],
     "proposals": ["proposal_{index:05d}.json", "sim_{index:05d}.json", "sim_{index:05d}.json.gz"],
 }
 """File names of each kind, in order of preference."""
+QUESTION_FILES = {
+    "train": ("train",),
+    "validation": ("validation", "val", "valid"),
+    "test": ("test",),
+}
+"""Names of each split's question file, without the ending, in order of preference; in `questions/` or the root."""
 FOLDER_SIZE = 1000
 """Files in each sub-folder of the release."""
 
@@ -74,9 +72,10 @@ class Inventory:
 class CLEVRER:
     """A folder with CLEVRER's files, all or some of them.
 
-    Below `root`, videos and annotations are in `videos/{split}/` and `annotations/{split}/` (directly or in folders, such
-    as the official ones of 1,000 files), questions in `questions/{split}.json` or `{split}.json`, and proposals in
-    `derender_proposals/` or `processed_proposals/`. The `manifest.json` of a generated data set lists its videos.
+    Below `root`, videos are anywhere in `videos/` or a folder such as `video_train` or `video_00000-01000`, annotations in
+    `annotations/` or a folder `annotation_…`; a file's number says its split. A video may be a folder of frames, such as
+    `video_00003`. Questions are in `questions/{split}.json` or `{split}.json`, or JSON Lines (`.jsonl`), and proposals in
+    `proposals/`, `processed_proposals/` or `derender_proposals/`. The `manifest.json` of a generated data set lists its videos.
 
     Args:
         root: the folder.
@@ -91,6 +90,7 @@ class CLEVRER:
             raise DataError(f"{root}: no such folder; `nsdr data download` creates one")
         path = self.root / "manifest.json"
         self.manifest = read_manifest(path) if os.path.lexists(path) else None
+        self.files = DataSetFiles(self.root)
 
     def split(self, name: str) -> "Split":
         """One split.
@@ -104,9 +104,9 @@ class CLEVRER:
         if name not in SPLITS:
             raise DataError(f"split is {name!r}; expected one of {', '.join(SPLITS)}")
         if self.manifest is None:
-            return Split(self.root, name, SPLITS[name])
+            return Split(self.files, name, SPLITS[name])
         start, stop = self.manifest["splits"][name]
-        return Split(self.root, name, range(start, stop), tuple(self.manifest["kinds"]), self.manifest["n_frames"])
+        return Split(self.files, name, range(start, stop), tuple(self.manifest["kinds"]), self.manifest["n_frames"])
 
     def inventory(self) -> list[Inventory]:
         """How complete each kind of files is, for every split."""
@@ -140,7 +140,7 @@ class Split:
     """The files of one split by video index; made by `CLEVRER.split`.
 
     Args:
-        root: folder of the data set.
+        files: of the data set.
         name: "train", "validation" or "test".
         indices: video indices of the split.
         kinds: kinds of files that the data set has.
@@ -148,23 +148,22 @@ class Split:
     """
 
     def __init__(
-        self, root: Path, name: str, indices: range, kinds: tuple[str, ...] = KINDS, n_frames: int = VIDEO_FRAMES
+        self,
+        files: DataSetFiles,
+        name: str,
+        indices: range,
+        kinds: tuple[str, ...] = KINDS,
+        n_frames: int = VIDEO_FRAMES,
     ) -> None:
-        self.root, self.name, self.indices = root, name, indices
+        self.files, self.root, self.name, self.indices = files, files.root, name, indices
         self.kinds, self.n_frames = kinds, n_frames
-
-    @cached_property
-    def _files(self) -> dict[str, dict[str, Path]]:
-        """Paths of all files, by kind and file name."""
-        return {kind: dict(_listing(self.root, kind, self.name)) for kind in _FILES}
 
     @property
     def question_file(self) -> Path | None:
         """Path of the split's question file; None if it is missing."""
-        for path in (self.root / "questions" / f"{self.name}.json", self.root / f"{self.name}.json"):
-            if path.is_file():
-                return path
-        return None
+        names = [f"{name}{end}" for end in (".json", ".jsonl") for name in QUESTION_FILES[self.name]]
+        paths = (folder / name for name in names for folder in (self.root / "questions", self.root))
+        return next((path for path in paths if path.is_file()), None)
 
     def questions(self) -> list[SceneQuestions]:
         """The questions of every scene.
@@ -183,11 +182,11 @@ class Split:
         Raises:
             DataError: it is missing.
         """
-        name = self._name(kind, index)
-        if name is None:
-            file = _FILES[kind][0].format(index=index)
-            raise DataError(f"{self.root}: has no {file} ({kind} of {self.name}); are the official zip files unpacked?")
-        return self._files[kind][name]
+        path = self._find(kind, index)
+        if path is None:
+            file, where = _FILES[kind][0].format(index=index), self.files.expected(kind)
+            raise DataError(f"{self.root}: has no {file} ({kind} of {self.name}): {where}; are all zip files unpacked?")
+        return path
 
     def video(self, index: int) -> Path:
         """Path of a video.
@@ -205,7 +204,7 @@ class Split:
         """
         path = self.path("annotations", index)
         annotation: dict[str, Any] = read_json(path)
-        check_annotation(annotation, self.n_frames, f"{path}: ")
+        check_annotation(annotation, f"{path}: ")
         expect(annotation["scene_index"] == index, f"{path}: scene_index", str(index), annotation["scene_index"])
         return annotation
 
@@ -219,8 +218,8 @@ class Split:
 
     def entries(self, kind: str) -> dict[int, Path]:
         """The files of a kind ("videos", "annotations" or "proposals") that are there, by video index."""
-        names = {i: self._name(kind, i) for i in self.indices}
-        return {i: self._files[kind][name] for i, name in names.items() if name is not None}
+        found = {i: self._find(kind, i) for i in self.indices}
+        return {i: path for i, path in found.items() if path is not None}
 
     def inventory(self) -> list[Inventory]:
         """How complete each kind of files is."""
@@ -230,19 +229,10 @@ class Split:
                 found = self.question_file is not None
                 rows.append(Inventory(self.name, kind, int(found), 1, ()))
             elif not (kind == "annotations" and self.name == "test"):
-                missing = [i for i in self.indices if self._name(kind, i) is None]
+                missing = [i for i in self.indices if self._find(kind, i) is None]
                 n = len(self.indices)
                 rows.append(Inventory(self.name, kind, n - len(missing), n, tuple(missing)))
         return rows
 
-    def _name(self, kind: str, index: int) -> str | None:
-        names = [pattern.format(index=index) for pattern in _FILES[kind]]
-        return next((name for name in names if name in self._files[kind]), None)
-
-
-def _listing(root: Path, kind: str, split: str) -> Iterator[tuple[str, Path]]:
-    """Yield (file name, path) of all files of a kind."""
-    for pattern in _FOLDERS[kind]:
-        folder = root / pattern.format(split=split)
-        for path in find_files(folder, "*.*"):
-            yield path.name, path
+    def _find(self, kind: str, index: int) -> Path | None:
+        return self.files.find(kind, [pattern.format(index=index) for pattern in _FILES[kind]])

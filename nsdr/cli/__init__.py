@@ -15,6 +15,9 @@ def run() -> int:
     After a signal it ends at once: taking down Python and its libraries takes seconds.
     """
     try:
+        from nsdr.io.device import passive_environment
+
+        os.environ.update(passive_environment())  # of this program and its workers
         from nsdr.cli.main import main
 
         status = main()

@@ -20,7 +20,9 @@ VIDEO = "video file, animated image (GIF, WebP) or folder of frames (PNG, JPEG)"
 """What commands take as a video, for their help."""
 PARTLY = 1
 """Exit status: a part of the work failed."""
+HELP = ("--help", "-h")
 KEEP_GOING = "--keep-going"
+KEEP_GOING_HELP = f"{KEEP_GOING} accepts failures of a part of the work: status 0."
 NOT_GIVEN: tuple[Any, ...] = (None, "", False, [], "default", "auto", "processes")
 """Values of options that were not given."""
 
@@ -52,9 +54,17 @@ def shared_options(parser: Any, *groups: str) -> None:
         add(KEEP_GOING, action="store_true", help="accept failures of a part of the work: status 0")
 
 
-def configured(kind: type[Config], arguments: Sequence[str], command: str) -> Config:
-    """The configuration of a command whose options are its fields; `-o` is short for `--output`."""
-    return parse_config(kind, ["--output" if a == "-o" else a for a in arguments], f"nsdr {command}")
+def configured(kind: type[Config], arguments: Sequence[str], command: str, more: str = "") -> Config:
+    """The configuration of a command whose options are its fields; `-o` is short for `--output`.
+
+    Args:
+        kind: the dataclass.
+        arguments: of the command.
+        command: its name.
+        more: what its help says of other options.
+    """
+    given = ["--output" if a == "-o" else a for a in arguments]
+    return parse_config(kind, given, f"nsdr {command}", f"-o is short for --output. {more}".strip())
 
 
 def refuse_idle(options: Any, names: Sequence[str], reason: str, about: str = "") -> None:

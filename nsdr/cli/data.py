@@ -5,6 +5,7 @@ from typing import Any
 from jsonargparse.typing import NonNegativeInt, PositiveInt
 
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
+from nsdr.clevrer.layout import FOLDERS
 from nsdr.cli.common import left_out, shared_options
 from nsdr.io.files import check_output_folder
 
@@ -17,13 +18,17 @@ def data_verify_options(parser: Any) -> None:
 
 def data_verify(options: Any) -> int:
     """`nsdr data verify`: how many files of each kind there are; status 1 if some are missing."""
-    rows, complete = CLEVRER(options.root).inventory(), True
+    dataset, complete = CLEVRER(options.root), True
+    rows = dataset.inventory()
     print(f"{'split':<12}{'kind':<14}{'found':>7}{'expected':>10}  first missing")
     for row in rows:
         complete &= row.found == row.expected
         first = ", ".join(str(i) for i in row.missing[:SHOWN_MISSING])
         first += ", ..." if len(row.missing) > SHOWN_MISSING else ""
         print(f"{row.split:<12}{row.kind:<14}{row.found:>7}{row.expected:>10}  {first}")
+    for kind in dict.fromkeys(row.kind for row in rows if row.kind in FOLDERS):
+        if not any(row.found for row in rows if row.kind == kind):
+            print(f"no {kind}: {dataset.files.expected(kind)}")
     print("complete" if complete else "incomplete: `nsdr data download` fetches videos, annotations and questions")
     return 0 if complete else 1
 

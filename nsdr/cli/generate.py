@@ -11,7 +11,7 @@ from tqdm import tqdm
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import write_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
-from nsdr.cli.common import KEEP_GOING, configured, left_out
+from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, configured, left_out
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.changed import TruthWorlds
@@ -64,13 +64,15 @@ class QuestionOptions(Settings):
 
 
 def _dataset(arguments: Sequence[str]) -> str:
-    config = configured(DatasetConfig, [a for a in arguments if a != KEEP_GOING], "generate dataset")
+    config = configured(DatasetConfig, [a for a in arguments if a != KEEP_GOING], "generate dataset", KEEP_GOING_HELP)
     check_output_folder(config.output)
     return str(generate_dataset(config, KEEP_GOING in arguments))
 
 
 def _violations(arguments: Sequence[str]) -> str:
-    config = configured(ViolationsConfig, [a for a in arguments if a != KEEP_GOING], "generate violations")
+    config = configured(
+        ViolationsConfig, [a for a in arguments if a != KEEP_GOING], "generate violations", KEEP_GOING_HELP
+    )
     check_output_folder(config.output)
     return str(generate_violations(config, KEEP_GOING in arguments))
 
@@ -111,11 +113,22 @@ def _worlds(paths: Sequence[str]) -> dict[int, TruthWorlds]:
 
 
 COMMANDS = {"dataset": _dataset, "violations": _violations, "scene": _scene, "questions": _questions}
+SUMMARIES = {
+    "dataset": "videos, annotations, proposals and questions in CLEVRER's layout; resumable",
+    "violations": "pairs of videos, one of which breaks a law, with questions; resumable",
+    "scene": "the truth file of one scene",
+    "questions": "balanced questions about scenes whose truth is known",
+}
 
 
 def generate(arguments: list[str]) -> int:
     """Run one of `COMMANDS` with its arguments, and print what was written."""
     command, *rest = arguments or ["nothing"]
+    if command in HELP:
+        print("nsdr generate WHAT [--config FILE.yaml] -o OUTPUT [--field value] …\n")
+        print("\n".join(f"  {name:<12}{summary}" for name, summary in SUMMARIES.items()))
+        print(f"\nnsdr generate WHAT --help shows the fields. For dataset and violations, {KEEP_GOING_HELP}")
+        return 0
     if command not in COMMANDS:
         raise DataError(f"nsdr generate: expected one of {', '.join(COMMANDS)}, got {command!r}")
     written = COMMANDS[command](rest)

@@ -19,6 +19,7 @@ import jsonargparse
 from nsdr.errors import DataError, NsdrError, machine_error
 from nsdr.io.configuration import OptionParser
 from nsdr.io.limits import limits
+from nsdr.io.registry import installed_part
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "answer": ("ask", "answer a question about a video"),
@@ -100,9 +101,6 @@ def _run(arguments: list[str]) -> int:
     loaded, function = import_module(f"nsdr.cli.{module}"), re.sub("[- ]", "_", name)
     run, add_options = getattr(loaded, function), getattr(loaded, f"{function}_options", None)
     if add_options is None:
-        if rest[:1] in (["--help"], ["-h"]):
-            print(f"nsdr {name} {summary}")
-            return 0
         return int(run(rest))
     parser = OptionParser(prog=f"nsdr {name}", description=summary, exit_on_error=False)
     add_options(parser)
@@ -187,6 +185,8 @@ def outcome_of(error: BaseException) -> tuple[int, str]:
         text = "a file or value is nested too deeply"
     elif not isinstance(error, NsdrError | jsonargparse.ArgumentError | FloatingPointError | OSError):
         kind = type(error).__name__
+        if part := installed_part(error):
+            return ERROR, f"error: {part} failed: {kind}: {text} (--debug shows where)"
         return BUG, f"error: a bug in nsdr, please report it: {kind}: {text} (--debug shows where)"
     return ERROR, f"error: {text}"
 

@@ -79,7 +79,7 @@ def _rounded(dynamics: Any) -> Any:
 
 def parse_videos_options(parser: Any) -> None:
     add = parser.add_argument
-    add("videos", help="folder with *.mp4, *.gif or *.webp")
+    add("videos", help="folder with *.mp4, *.gif or *.webp, or with a folder of frames for each video")
     add("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
     shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")
 

@@ -5,7 +5,7 @@ import logging
 import re
 from importlib import import_module
 
-from nsdr.cli.common import KEEP_GOING, configured, left_out
+from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, configured, left_out
 from nsdr.errors import DataError
 
 PARTS = {
@@ -15,8 +15,23 @@ PARTS = {
 """Module with the `main(argv)` of each part, and of the mean of several runs."""
 
 
+SUMMARIES = {
+    "frame-parser": "the detector of objects in frames",
+    "dynamics": "the paper's network for motion",
+    "collisions": "the network that finds collisions in tracks",
+    "question-parser": "the networks from texts to programs",
+    "average": "the mean of the weights of several runs",
+    "baseline": "a system that answers without programs or without scenes",
+}
+
+
 def train(arguments: list[str]) -> int:
     """Train a part from its command-line arguments; `--device` stands for `--loop.device`."""
+    if arguments[:1] in ([name] for name in HELP):
+        print("nsdr train PART [--config configs/….yaml] [--field value] … [--device auto|cpu|cuda|cuda:N]\n")
+        print("\n".join(f"  {name:<18}{summary}" for name, summary in SUMMARIES.items()))
+        print("\nnsdr train PART --help shows the fields; --device is short for --loop.device.")
+        return 0
     if not arguments or arguments[0] not in PARTS:
         found = arguments[0] if arguments else "nothing"
         raise DataError(f"nsdr train: expected one of {', '.join(PARTS)}, got {found!r}")
@@ -32,6 +47,11 @@ def extract_features(arguments: list[str]) -> int:
     from nsdr.baselines.features.files import SOURCES
     from nsdr.io.files import check_output_folder
 
+    if arguments[:1] in ([name] for name in HELP):
+        print("nsdr extract-features [--from videos|truth|proposals] --root DATA -o OUTPUT [--field value] …\n")
+        print("  --from         what features are made from (default: videos); with --help after it, shows its fields")
+        print(f"  {KEEP_GOING_HELP}")
+        return 0
     own = argparse.ArgumentParser("nsdr extract-features", add_help=False, allow_abbrev=False)
     own.add_argument("--from", dest="source", choices=("videos", *SOURCES), default="videos")
     own.add_argument(KEEP_GOING, action="store_true")
@@ -39,9 +59,11 @@ def extract_features(arguments: list[str]) -> int:
     if any(re.match(r"--features\.source(=|$)", argument) for argument in fields):
         raise DataError("--features.source: --from says what features are made from; leave it out")
     extraction: FeatureExtraction | WordExtraction = (
-        configured(FeatureExtraction, fields, "extract-features")
+        configured(FeatureExtraction, fields, "extract-features", KEEP_GOING_HELP)
         if options.source == "videos"
-        else configured(WordExtraction, [*fields, "--features.source", options.source], "extract-features")
+        else configured(
+            WordExtraction, [*fields, "--features.source", options.source], "extract-features", KEEP_GOING_HELP
+        )
     )
     check_output_folder(extraction.output)
     count = extract(extraction, options.keep_going)

@@ -13,7 +13,7 @@ from nsdr.continuations.score import MEASURES
 from nsdr.io.files import write_file, write_json
 from nsdr.io.notes import unsaid
 from nsdr.io.video import read_frames, spaced
-from nsdr.visualize.figures import figure_png, pyplot
+from nsdr.visualize.figures import figure_png, new_figure
 from nsdr.visualize.html_parts import figure_html, jpeg, write_page
 
 TITLE = "Continuations of videos"
@@ -61,7 +61,8 @@ def curves_figure(report: Mapping[str, Any]) -> Any:
         DataError: matplotlib is missing.
     """
     panels = {"error": "error", "nearest": "error to the nearest possible future", "log_likelihood": "log-likelihood"}
-    figure, axes = pyplot().subplots(1, len(panels), figsize=(15, 4.5), constrained_layout=True)
+    figure = new_figure(15, 4.5)
+    axes = figure.subplots(1, len(panels))
     for panel, (name, title) in zip(axes, panels.items(), strict=True):
         for row, style in STYLES.items():
             values = np.array(report["curves"][row][name], float)  # None is NaN

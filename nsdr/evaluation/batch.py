@@ -11,7 +11,7 @@ from nsdr.clevrer.files.predictions import predictions_document
 from nsdr.clevrer.files.proposals import find_proposals, proposals_document, read_proposals
 from nsdr.errors import DataError, VideoError
 from nsdr.io import storage
-from nsdr.io.decoding import SUFFIXES, find_videos
+from nsdr.io.decoding import SUFFIXES, find_frame_folders, find_videos
 from nsdr.io.device import resolve_device
 from nsdr.io.files import by_number, write_json
 from nsdr.io.fingerprint import fingerprint
@@ -37,7 +37,8 @@ def parse_videos(
     What an earlier run wrote is kept while its video, the settings, the weights and the code are the same.
 
     Args:
-        videos: folder with MP4, GIF or WebP files, searched recursively.
+        videos: folder with MP4, GIF or WebP files, searched recursively; or, if it has none of these, with a folder of PNG or
+            JPEG files for each video.
         output: folder to write; `failures.json` in it names what failed and why.
         checkpoint: weights.
         settings: of perception; None for the defaults.
@@ -48,9 +49,11 @@ def parse_videos(
         DataError: the folder holds no videos, or two that would be written to the same file; or another process writes to
             `output`, or it holds the scenes of other videos with the same numbers.
     """
-    paths = find_videos(videos)
+    paths = find_videos(videos) or find_frame_folders(videos)
     if not paths:
-        raise DataError(f"{videos}: holds no {', '.join(f'*{suffix}' for suffix in SUFFIXES)}")
+        raise DataError(
+            f"{videos}: holds no {', '.join(f'*{suffix}' for suffix in SUFFIXES)}, and no folders of frames"
+        )
     found = by_number({str(p.relative_to(videos)): p for p in paths})
     return _run("videos", videos, found, output, checkpoint, settings, engine, workers, device)
 
@@ -109,7 +112,7 @@ def judge_videos(
     common = settings.fingerprint(checkpoint, "judgements", str(laws.VERSION)).encode()
     jobs: dict[str, Job[Path]] = {}
     for video in map(Path, videos):
-        name = video.name if video.is_dir() else video.stem
+        name = video.name
         if name in jobs and jobs[name].item != video:
             raise DataError(f"{jobs[name].item} and {video}: both are {name}; rename one, or write two reports")
         if video.resolve() == folder.resolve():

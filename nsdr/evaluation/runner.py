@@ -17,6 +17,7 @@ from nsdr import question_parser, symbolic
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.clevrer.layout import FolderFiles
 from nsdr.dynamics.registry import READ_NO_IMAGES
 from nsdr.errors import DataError, MachineError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
@@ -162,7 +163,10 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
     questions, data = selected_questions(config)
     if config.semantics == "official":
         _check_no_pipeline_options(config)
-        made = ((s, _official(config, s.scene_index)) for s in tqdm(questions, desc="scenes", unit="scene"))
+        predictions = FolderFiles(Path(config.data))
+        made = (
+            (s, _official(config, predictions, s.scene_index)) for s in tqdm(questions, desc="scenes", unit="scene")
+        )
     else:
         scenes = _scenes(config, settings, device, questions, data)
         made = ((s, _executor(scenes[s.scene_index], config)) for s in questions)
@@ -196,6 +200,9 @@ def _scenes(
             if isinstance(found, Scene):
                 scenes[s.scene_index] = found
                 continue
+            if not isinstance(found, Mapping):
+                expected = "an nsdr.Scene, or arguments of Pipeline.perceive"
+                raise DataError(f"source {config.source} returned a {type(found).__name__}; expected {expected}")
             if video_of is not None:
                 found = {**found, **cast(PerceptionInput, video_of(s))}
             common = common or settings.fingerprint(config.checkpoint, config.source, config.truth_source)
@@ -333,9 +340,9 @@ def _executor(scene: Scene | Callable[[], Scene] | NsdrError, config: Evaluation
     return Executor(asked, data_set_rules=config.data_set_rules)
 
 
-def _official(config: EvaluationConfig, scene_index: int) -> Executor | NsdrError:
+def _official(config: EvaluationConfig, predictions: FolderFiles, scene_index: int) -> Executor | NsdrError:
     try:
-        return Executor(prediction_file(Path(config.data), scene_index), "official", config.collisions)
+        return Executor(prediction_file(predictions, scene_index), "official", config.collisions)
     except MachineError:
         raise
     except NsdrError as e:

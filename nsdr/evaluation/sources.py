@@ -4,12 +4,13 @@ from collections.abc import Callable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer.dataset import Split, sub_folder
+from nsdr.clevrer.dataset import Split
 from nsdr.clevrer.files.annotations import read_annotation, read_truth, read_truth_file
 from nsdr.clevrer.files.predictions import PredictionFile, read_predictions, scene_from_predictions
 from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
+from nsdr.clevrer.layout import FolderFiles
 from nsdr.errors import DataError
 from nsdr.io import storage
 from nsdr.io.registry import Registry
@@ -30,23 +31,22 @@ ANNOTATION = "annotation_{:05d}.json"
 SIMULATION = ("sim_{:05d}.json", "sim_{:05d}.json.gz")
 
 
-def find_file(folder: Path, names: Sequence[str], scene_index: int) -> Path:
-    """The first file of a scene in a folder, or in its official sub-folders of 1,000.
+def _file(files: FolderFiles, names: Sequence[str], scene_index: int) -> Path:
+    """The file of a scene.
 
     Args:
-        folder: where to look.
+        files: where to look.
         names: patterns such as "annotation_{:05d}.json".
         scene_index: the scene.
 
     Raises:
-        DataError: there is none; names the expected files.
+        DataError: there is none, which names the expected files; or two files have its name.
     """
-    files = [name.format(scene_index) for name in names]
-    for name in files:
-        for path in (folder / name, folder / sub_folder(name.split("_")[0], scene_index) / name):
-            if path.exists():
-                return path
-    raise DataError(f"{folder}: has no {' or '.join(files)}")
+    expected = [name.format(scene_index) for name in names]
+    path = files.find(expected)
+    if path is None:
+        raise DataError(f"{files.folder}: has no {' or '.join(expected)}, also not in its subfolders")
+    return path
 
 
 def _folder(data: Data, source: str) -> Path:
@@ -66,11 +66,15 @@ def _of(table: Mapping[int, Any], scene_index: int, data: Path) -> Any:
 def _videos(data: Data, _: Set[int]) -> SceneSource:
     if isinstance(data, Split):
         return lambda s: {"video": data.video(s.scene_index)}
-    folder = _folder(data, "videos")
+    files = FolderFiles(_folder(data, "videos"))
 
     def video(s: SceneQuestions) -> PerceptionInput:
-        inside = folder / sub_folder("video", s.scene_index) / s.video_filename
-        return {"video": inside if inside.exists() else folder / s.video_filename}
+        path = files.find_video(s.video_filename)
+        if path is None:
+            raise DataError(
+                f"{files.folder}: has no {s.video_filename} and no folder of its frames, also not further below"
+            )
+        return {"video": path}
 
     return video
 
@@ -81,7 +85,8 @@ def _proposals(data: Data, wanted: Set[int]) -> SceneSource:
     path = _folder(data, "proposals")
     if path.is_dir():
         names = tuple(f"{stem}_{{:05d}}.json{end}" for end in ("", ".gz") for stem in ("proposal", "sim"))
-        return lambda s: {"proposals": read_proposals(find_file(path, names, s.scene_index))}
+        files = FolderFiles(path)
+        return lambda s: {"proposals": read_proposals(_file(files, names, s.scene_index))}
     found = {video: proposals for video, proposals in read_compact_proposals(path) if video in wanted}
     return lambda s: {"proposals": _of(found, s.scene_index, path)}
 
@@ -92,10 +97,10 @@ def _documents(
     """What the file of a scene holds, which must be of the scene."""
     if isinstance(data, Split) and name == ANNOTATION:
         return lambda s: data.annotation(s.scene_index)
-    folder = _folder(data, source)
+    files = FolderFiles(_folder(data, source))
 
     def document(s: SceneQuestions) -> dict[str, Any]:
-        path = find_file(folder, (name,), s.scene_index)
+        path = _file(files, (name,), s.scene_index)
         content = read(path)
         index = content["scene_index"]
         expect(index == s.scene_index, f"{path}: scene_index", str(s.scene_index), index)
@@ -119,14 +124,14 @@ def _truth(data: Data, _: Set[int]) -> SceneSource:
     return lambda s: scene_from_truth(truth(s))
 
 
-def prediction_file(folder: Path, scene_index: int) -> PredictionFile:
-    """The prediction file of a scene, plain or gzipped; raises `DataError` as `find_file` and `read_predictions`."""
-    return read_predictions(find_file(folder, SIMULATION, scene_index))
+def prediction_file(files: FolderFiles, scene_index: int) -> PredictionFile:
+    """The prediction file of a scene, plain or gzipped; raises `DataError` if it is missing, and as `read_predictions`."""
+    return read_predictions(_file(files, SIMULATION, scene_index))
 
 
 def _predictions(data: Data, _: Set[int]) -> SceneSource:
-    folder = _folder(data, "predictions")
-    return lambda s: scene_from_predictions(prediction_file(folder, s.scene_index))
+    files = FolderFiles(_folder(data, "predictions"))
+    return lambda s: scene_from_predictions(prediction_file(files, s.scene_index))
 
 
 def _ground_truth(data: Data, _: Set[int]) -> SceneSource:
@@ -134,13 +139,13 @@ def _ground_truth(data: Data, _: Set[int]) -> SceneSource:
     if path.is_file():
         blocks = read_truth(path)
         return lambda s: scene_from_ground_truth(_of(blocks, s.scene_index, path), blocks[s.scene_index]["n_frames"])
-    names = SIMULATION
-    return lambda s: scene_from_ground_truth(*read_ground_truth(find_file(path, names, s.scene_index)))
+    files = FolderFiles(path)
+    return lambda s: scene_from_ground_truth(*read_ground_truth(_file(files, SIMULATION, s.scene_index)))
 
 
 def _scenes(data: Data, _: Set[int]) -> SceneSource:
-    folder = _folder(data, "scenes")
-    return lambda s: storage.load(Scene, find_file(folder, ("scene_{:05d}.json",), s.scene_index))
+    files = FolderFiles(_folder(data, "scenes"))
+    return lambda s: storage.load(Scene, _file(files, ("scene_{:05d}.json",), s.scene_index))
 
 
 _NAMES = ("videos", "proposals", "tracks", "predictions", "annotations", "ground-truth", "truth", "scenes")
@@ -151,7 +156,7 @@ SOURCES: Registry[SourceFactory] = Registry(
 )
 """Scene sources by name; other packages add theirs by entry points of the group `nsdr.scene_sources`.
 
-- videos: `video_N.mp4`, perceived by the pipeline
+- videos: `video_N.mp4` or a folder of frames `video_N`, perceived by the pipeline
 - proposals: `proposal_N.json` or `sim_N.json` (also gzipped), or a compact NPZ; tracked and perceived
 - tracks: the motion of `annotation_N.json` as if it had been tracked
 - predictions: `sim_N.json` of a dynamics predictor (also gzipped)

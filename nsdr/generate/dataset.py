@@ -307,7 +307,7 @@ def _write_files(
         write_json(files.proposals, proposal_document(scene, index, files.video.name, camera))
     if split != "test":
         annotation = annotation_document(scene, index, files.video.name, camera)
-        write_annotation(files.annotation, annotation, scene.n_frames)
+        write_annotation(files.annotation, annotation)
     write_json(files.truth, truth_document(scene, index, camera) | more_truth)
 
 

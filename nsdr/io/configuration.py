@@ -50,8 +50,14 @@ class OptionParser(jsonargparse.ArgumentParser):
                 raise DataError(f"{name} is given {times} times, of which one alone would count; give it once")
 
 
-def parse_config(kind: type[T], argv: Sequence[str] | None, program: str) -> T:
+def parse_config(kind: type[T], argv: Sequence[str] | None, program: str, epilog: str = "") -> T:
     """The configuration `kind` from arguments such as `["--config", "a.yaml", "--loop.steps", "10"]`.
+
+    Args:
+        kind: the dataclass.
+        argv: the arguments; None for those of the command line.
+        program: the command's name, for its help and error messages.
+        epilog: what its help says at the end.
 
     Raises:
         DataError: an unreadable file, an unknown or missing key, or a value of another type or out of its range; names it.
@@ -63,7 +69,8 @@ def parse_config(kind: type[T], argv: Sequence[str] | None, program: str) -> T:
     files += [value.removeprefix("--config=") for value in arguments if value.startswith("--config=")]
     for file in files:
         _check_sections(kind, read_yaml(file), file)
-    parser = OptionParser(prog=program, description=(kind.__doc__ or "").splitlines()[0], exit_on_error=False)
+    about = (kind.__doc__ or "").splitlines()[0]
+    parser = OptionParser(prog=program, description=about, epilog=epilog or None, exit_on_error=False)
     parser.add_argument("--config", action="config", help="a YAML file; flags after it win")
     parser.add_class_arguments(kind)
     parser.check_repeated(arguments)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nsdr.errors import VideoError, machine_error
 from nsdr.io.files import check_name, find_files
-from nsdr.io.images import has_images, is_animated, open_images
+from nsdr.io.images import SUFFIXES as IMAGE_SUFFIXES, has_images, is_animated, open_images
 from nsdr.io.limits import check_limit
 from nsdr.io.notes import Note
 from nsdr.world.physics_constants import FPS
@@ -201,6 +201,12 @@ def find_videos(folder: str | Path) -> list[Path]:
     return [path for path in find_files(folder, "*") if path.suffix.lower() in SUFFIXES]
 
 
+def find_frame_folders(folder: str | Path) -> list[Path]:
+    """The folders below a folder that hold PNG or JPEG files, sorted: each may be a video, with one file a frame."""
+    images = (path for path in find_files(folder, "*") if path.suffix.lower() in IMAGE_SUFFIXES)
+    return sorted({path.parent for path in images} - {Path(folder)})
+
+
 def check_is_video(path: Path) -> None:
     """Refuse what is no folder of images, no animated image, and no file of a known container, by its first bytes.
 
@@ -212,7 +218,7 @@ def check_is_video(path: Path) -> None:
     check_name(path)
     if path.is_dir():
         if not has_images(path):
-            what = "a video, or a folder of PNG or JPEG files (`nsdr parse-videos` takes folders of videos)"
+            what = "a video, or a folder of PNG or JPEG files (`nsdr parse-videos` takes folders of either)"
             raise VideoError(f"{path}: is a folder without images; expected {what}")
         return
     if not path.is_file():

@@ -94,13 +94,24 @@ def has_bfloat16() -> bool:
     return not torch.backends.mkldnn.is_available() or bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
 
 
-def wait_passively() -> None:
-    """Let idle OpenMP threads sleep instead of spin, unless the user has set how they wait.
+def passive_environment() -> dict[str, str]:
+    """Environment variables with which idle OpenMP threads sleep instead of spin; {} where the user has set how they wait."""
+    return {} if any(name in os.environ for name in WAITING) else PASSIVE
 
-    Runtimes read this once, when they are loaded: without effect in this process after `import torch`.
+
+@contextmanager
+def passive_threads() -> Iterator[None]:
+    """Within it, torch is loaded with `passive_environment`, which ends with it: a user's other programs are not concerned.
+
+    Runtimes read these variables once, when they are loaded: without effect after `import torch`.
     """
-    if not any(name in os.environ for name in WAITING):
-        os.environ.update(PASSIVE)
+    added = {} if "torch" in sys.modules else passive_environment()
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name in added:
+            os.environ.pop(name, None)
 
 
 def available_cores() -> int:

@@ -87,8 +87,8 @@ def is_animated(path: Path) -> bool:
 
 
 def has_images(folder: Path) -> bool:
-    """Whether a folder holds images that may be frames."""
-    return bool(_images_in(folder))
+    """Whether there is such a folder, and it holds images that may be frames."""
+    return folder.is_dir() and bool(_images_in(folder))
 
 
 def open_images(path: Path) -> Images | None:

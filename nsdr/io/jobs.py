@@ -18,7 +18,7 @@ from typing import Any, Generic, TypeVar
 from tqdm import tqdm
 
 from nsdr.errors import CheckpointError, DataError, MachineError, machine_error
-from nsdr.io.device import available_cores
+from nsdr.io.device import available_cores, passive_environment
 from nsdr.io.files import check_installed, locked, remove_partial_files, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.ledger import LEDGER, Entry, append_to_ledger, read_ledger
@@ -189,7 +189,8 @@ class _Processes:
         from loky import ProcessPoolExecutor
 
         threads, own = max(available_cores() // workers, 1), os.environ.get("OMP_NUM_THREADS", "")
-        environment = {"OMP_NUM_THREADS": str(min(threads, int(own)) if own.isdigit() else threads)}
+        most = str(min(threads, int(own)) if own.isdigit() else threads)
+        environment = {"OMP_NUM_THREADS": most, **passive_environment()}
         self.most = workers
         self._executor = ProcessPoolExecutor(
             workers, initializer=_begin, initargs=(threads, os.getpid()), env=environment

@@ -125,6 +125,18 @@ def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
             yield number, value
 
 
+def is_json_lines(data: bytes) -> bool:
+    """Whether JSON text is an object in its first line, with more in the lines after it."""
+    first, _, rest = data.lstrip().partition(b"\n")
+    if not (first.startswith(b"{") and rest.strip()):
+        return False
+    try:
+        msgspec.json.decode(first, type=dict[str, msgspec.Raw])
+    except msgspec.DecodeError:
+        return False
+    return True
+
+
 def _refuse_twice(pairs: list[tuple[str, Any]]) -> None:
     for key, times in Counter(key for key, _ in pairs).items():
         if times > 1:

@@ -1,5 +1,6 @@
 """Named parts that other packages can add by entry points."""
 
+import traceback
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -8,6 +9,27 @@ from typing import Any, Generic, TypeVar, cast
 from nsdr.errors import DataError
 
 T = TypeVar("T")
+GROUPS = ("nsdr.dynamics", "nsdr.scene_sources", "nsdr.exporters")
+"""All groups of entry points."""
+
+
+def checked_result(value: Any, kind: type[T], part: object, method: str) -> T:
+    """What a part's method returned, which may be another package's; raises `DataError` unless it is of the kind."""
+    if not isinstance(value, kind):
+        found = type(value).__name__
+        raise DataError(f"{type(part).__name__}.{method} returned a {found}; expected an nsdr.{kind.__name__}")
+    return value
+
+
+def installed_part(error: BaseException) -> str:
+    """Which installed part of another package raised an error, as "NAME (MODULE)"; "" if none did."""
+    installed = [e for group in GROUPS for e in entry_points(group=group)]
+    parts = {e.module.partition(".")[0]: f"{e.name} ({e.module})" for e in installed}
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        if package in parts and package != "nsdr":
+            return parts[package]
+    return ""
 
 
 class Registry(Generic[T]):

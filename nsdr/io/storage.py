@@ -19,7 +19,9 @@ from nsdr.io.reading import read_json
 from nsdr.validation import Checked, Count, check_fields, convert, expect, shown
 
 T = TypeVar("T")
-_KINDS: dict[str, type] = {name: getattr(types, name) for name in types.__all__}
+_KINDS: dict[str, type] = {
+    name: kind for name in types.__all__ if dataclasses.is_dataclass(kind := getattr(types, name))
+}
 LIMITS = {
     "n_frames": "frames",
     "frame": "frames",
@@ -85,6 +87,9 @@ def load(kind: type[T], path: str | Path) -> T:
         DataError: the file is missing or corrupt, or holds another type; names the file.
     """
     tree = read_json(path)
+    if not isinstance(tree, dict) or "type" not in tree:
+        others = "annotations and truth files are read by nsdr.clevrer (`scene_from_annotation`) and `nsdr evaluate`"
+        raise DataError(f"{path}: not written by `nsdr.save` or `nsdr parse-video`, so no {kind.__name__}; {others}")
     try:
         value = _decoded(tree, "")
     except (DataError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as e:

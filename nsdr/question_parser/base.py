@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 from nsdr.errors import EndpointError, NsdrError, QuestionError
+from nsdr.io.registry import checked_result
 from nsdr.question_parser.suggestions import QUESTION_KINDS, suggestion
 from nsdr.symbolic import Program
 from nsdr.symbolic.program import ProgramSource
@@ -92,7 +93,7 @@ def read_programs(
 def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Program | QuestionError:
     """The text's program, or why it has none and the nearest texts that have one."""
     try:
-        return parser.parse(text, kind)
+        return checked_result(parser.parse(text, kind), Program, parser, "parse")
     except QuestionError as e:
         if isinstance(e, EndpointError):  # of the parser, whatever the text is
             raise

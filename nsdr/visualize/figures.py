@@ -57,7 +57,8 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, came
     rollout = prediction.observed if removed is None else prediction.counterfactual[removed]
     low, high = _extent(prediction, rollout)
     height_in = PLAN_WIDTH_IN * float((high[1] - low[1]) / (high[0] - low[0]))
-    figure, axes = pyplot().subplots(figsize=(PLAN_WIDTH_IN + LEGEND_WIDTH_IN, height_in), constrained_layout=True)
+    figure = new_figure(PLAN_WIDTH_IN + LEGEND_WIDTH_IN, height_in)
+    axes = figure.subplots()
     far = max(FAR_EDGE_PX, camera.far_row_px)
     corners_px = [(0, far), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, far)]
     axes.fill(*_on_plan(camera.ground(np.array(corners_px), 0.0)).T, color="0.96", zorder=0)
@@ -130,9 +131,9 @@ def causal_figure(scene: Scene) -> Any:
     Raises:
         DataError: matplotlib is missing.
     """
-    plt = pyplot()
     n = len(scene.objects)
-    figure, axes = plt.subplots(figsize=(8, 0.55 * n + 1.3), constrained_layout=True)
+    figure = new_figure(8, 0.55 * n + 1.3)
+    axes = figure.subplots()
     for o in scene.objects:
         visible = np.flatnonzero(scene.visible[o.id])
         color = np.array(COLORS_RGB[o.color]) / 255
@@ -166,19 +167,19 @@ def _between(first: int, second: int) -> float:
 
 
 def figure_png(figure: Any) -> bytes:
-    """A matplotlib figure as the bytes of a PNG file; closes the figure."""
+    """A matplotlib figure as the bytes of a PNG file."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI)
-    pyplot().close(figure)
     return buffer.getvalue()
 
 
-def pyplot() -> Any:
-    """Matplotlib's pyplot without a window; raises `DataError` where matplotlib is missing."""
+def new_figure(width_in: float, height_in: float) -> Any:
+    """An empty matplotlib figure of that size (inches). It is none of pyplot's, whose windows and settings are the user's.
+
+    Raises:
+        DataError: matplotlib is missing.
+    """
     check_installed("matplotlib", "figures need matplotlib", "visualize")
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    return plt
+    return Figure(figsize=(width_in, height_in), layout="constrained")

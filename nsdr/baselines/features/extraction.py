@@ -185,7 +185,7 @@ def annotation_features(annotation: str | Path, config: WordConfig) -> dict[str,
         DataError: it cannot be read; names it.
     """
     content = read_json(annotation)
-    check_annotation(content, None, f"{annotation}: ")
+    check_annotation(content, f"{annotation}: ")
     return truth_features(content, config)
 
 

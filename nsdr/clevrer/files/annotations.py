@@ -43,8 +43,8 @@ __all__ = [
 ]
 
 IRREGULAR_VIDEOS = (7648, 9777, 10800)
-"""Indices of released videos that do not have 128 frames. Their length also differs between video and proposal file, so it is
-not checked."""
+"""Indices of released videos that do not have 128 frames. Their length also differs between video, annotation and proposal
+file, so it is not compared."""
 
 
 class _Object(Words):
@@ -122,22 +122,21 @@ def read_annotation(path: str | Path) -> dict[str, Any]:
         DataError: names the file, the location in the file and what was expected there.
     """
     content: dict[str, Any] = read_json(path)
-    check_annotation(content, where=f"{path}: ")
+    check_annotation(content, f"{path}: ")
     return content
 
 
-def write_annotation(path: str | Path, annotation: dict[str, Any], n_frames: int = VIDEO_FRAMES) -> None:
+def write_annotation(path: str | Path, annotation: dict[str, Any]) -> None:
     """Check an annotation and write it, atomically; raises `DataError` as `check_annotation`."""
-    check_annotation(annotation, n_frames)
+    check_annotation(annotation)
     write_json(path, annotation)
 
 
-def check_annotation(annotation: Any, n_frames: int | None = VIDEO_FRAMES, where: str = "") -> None:
-    """Check the form of an annotation.
+def check_annotation(annotation: Any, where: str = "") -> None:
+    """Check the form of an annotation, which has as many frames as it lists.
 
     Args:
         annotation: content of the file.
-        n_frames: number of frames of the data set's videos; not checked for `IRREGULAR_VIDEOS`, nor where it is None.
         where: what stands before the place in error messages, such as "file.json: ".
 
     Raises:
@@ -145,10 +144,7 @@ def check_annotation(annotation: Any, n_frames: int | None = VIDEO_FRAMES, where
     """
     content: _Annotation = convert(annotation, _Annotation, where)
     check_objects(content["object_property"], "object_id", f"{where}object_property")
-    n, frames, video = len(content["object_property"]), content["motion_trajectory"], content["scene_index"]
-    if n_frames is not None and video not in IRREGULAR_VIDEOS:
-        expected = f"{n_frames} frames for video {video}"
-        expect(len(frames) == n_frames, f"{where}motion_trajectory", expected, len(frames))
+    n, frames = len(content["object_property"]), content["motion_trajectory"]
     _check_frames(frames, n, f"{where}motion_trajectory")
     _check_collisions(content["collision"], n, f"{where}collision", len(frames))
 

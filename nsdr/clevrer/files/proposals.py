@@ -48,6 +48,8 @@ __all__ = [
 
 SCORE_DECIMALS = 6
 """Decimal places of scores in written files."""
+MASK_PROBABILITY = 0.5
+"""Probability from which a pixel of a soft mask belongs to the object: it is then the likelier of the two."""
 COMPACT_SCORE_STEPS = 255.0
 """Steps per unit of score in compact files, which store scores as bytes."""
 COMPACT_CENTROID_STEPS_PER_PX = 64.0
@@ -263,18 +265,28 @@ def proposals_from_masks(
 
     Args:
         n_frames: number of frames of the video.
-        detections: (frame, (color, material, shape), score in 0-1, mask (320, 480), true where the object is), in any order.
+        detections: (frame, (color, material, shape), score in 0-1, mask), in any order. A mask is (320, 480), true where the
+            object is, or the probability that it is there, of which one half or more counts.
         processed: ascending frames that were processed; None for all.
 
     Raises:
-        DataError: a mask of another size, words that no object of CLEVRER has, or a value out of its range.
+        DataError: a mask of another size or with numbers that are no probabilities, words that no object of CLEVRER has, or a
+            value out of its range.
     """
     rows = []
     for frame, words, score, mask in detections:
         for word, known in zip(words, (COLORS, MATERIALS, SHAPES), strict=True):
             expect(word in known, f"frame {frame}: words", f"one of {', '.join(known)}", word)
         expect(mask.shape == (HEIGHT_PX, WIDTH_PX), f"frame {frame}: mask", f"({HEIGHT_PX}, {WIDTH_PX})", mask.shape)
-        counts = rle.encode(np.asfortranarray(mask, np.uint8))["counts"].decode()
+        if mask.dtype.kind == "f":
+            expected = "true or false, or probabilities from 0 to 1"
+            expect(
+                bool(((mask >= 0) & (mask <= 1)).all()),
+                f"frame {frame}: mask",
+                expected,
+                "other numbers, such as logits",
+            )
+        counts = rle.encode(np.asfortranarray(mask >= MASK_PROBABILITY, np.uint8))["counts"].decode()
         rows.append((frame, attribute_index(*words), score, counts))
     return proposals_from_rows(n_frames, rows, processed)
 

@@ -2,8 +2,9 @@
 
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from msgspec.structs import replace
@@ -12,8 +13,8 @@ from nsdr.clevrer.files.schema import FileName, Id, Program, RecordId, check_lin
 from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
-from nsdr.io.reading import read_json
-from nsdr.validation import expect, one_of
+from nsdr.io.reading import is_json_lines, parse_json, parse_json_lines, read_json_bytes
+from nsdr.validation import convert, expect, one_of
 from nsdr.world.vocabulary import (
     ATTRIBUTES,
     COLORS,
@@ -54,6 +55,8 @@ ANSWERS = frozenset(
     ["yes", "no", *map(str, range(LARGEST_COUNT + 1)), *(word for words in ATTRIBUTES.values() for word in words)]
 )
 """Answers of descriptive questions."""
+VIDEO_KEY = re.compile(r"(?:\w*_)?0*([0-9]{1,9})(\.\w+)?")
+"""The name or number of a video as a key: "video_10000.mp4", "sim_10000" or "10000"."""
 _OBJECT = " ".join(f"({'|'.join(words)})" for words in (COLORS, MATERIALS, SHAPES))
 BEYOND = re.compile(rf"\d+\.\d {SPEED_UNIT}|{'|'.join((*DIRECTIONS, *IMAGE_DIRECTIONS, STATIONARY))}|{_OBJECT}")
 """Answers of descriptive questions beyond CLEVRER: a speed, a direction or an object, such as "1.8 world units per second"."""
@@ -128,19 +131,104 @@ class SceneQuestions(msgspec.Struct, frozen=True):
 def read_questions(path: str | Path) -> list[SceneQuestions]:
     """Read all scenes of a question file.
 
+    It is a list of scenes, as in the release; an object with the scenes or their lists of questions by video, such as
+    `{"video_10000.mp4": […]}`; or JSON Lines with a scene or a question with its `scene_index` in each line. Questions of such
+    lists and lines without scenes are gathered by scene. Answers may be numbers or truth values in place of the words.
+
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
-    scenes: list[SceneQuestions] = read_json(path, list[SceneQuestions])
-    check_unique([scene.scene_index for scene in scenes], f"{path}: ", ".scene_index")
+    data, name = read_json_bytes(path), str(path)
+    try:
+        scenes = msgspec.json.decode(data, type=list[SceneQuestions])  # the release's form
+        places = [f"{name}: [{s}]." for s in range(len(scenes))]
+    except msgspec.DecodeError:
+        rows = _scene_rows(data, name)
+        scenes = [convert(row.content, SceneQuestions, row.where, row.place) for row in rows]
+        places = [f"{row.where}{row.place}{'.' if row.place else ''}" for row in rows]
+    if not scenes:
+        raise DataError(f"{path}: holds no scenes; expected at least 1 question")
     if not any(scene.questions for scene in scenes):
-        raise DataError(f"{path}: expected at least 1 question, found {len(scenes)} scenes without one")
-    for s, scene in enumerate(scenes):
-        place = f"{path}: [{s}].questions"
-        check_unique([q.id for q in scene.questions], place, ".question_id")
+        raise DataError(f"{path}: expected at least 1 question, but its {len(scenes)} scenes have none")
+    seen: set[int] = set()
+    for place, scene in zip(places, scenes, strict=True):
+        if scene.scene_index in seen:
+            raise DataError(f"{place}scene_index: {scene.scene_index} is there twice; expected it once")
+        seen.add(scene.scene_index)
+        check_unique([q.id for q in scene.questions], f"{place}questions", ".question_id")
         for i, question in enumerate(scene.questions):
-            _check_question(question, f"{place}[{i}]")
+            _check_question(question, f"{place}questions[{i}]")
     return scenes
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A scene of a question file in plain values, and where it stands: the file with the line, and its place there."""
+
+    where: str
+    place: str
+    content: Any
+
+
+def _scene_rows(data: bytes, name: str) -> list[_Row]:
+    """The scenes of a question file of any form; questions without one are gathered."""
+    if is_json_lines(data):
+        rows = [_Row(f"{name}, line {number}: ", "", row) for number, row in parse_json_lines(data, name)]
+    else:
+        content = parse_json(data, name)
+        if isinstance(content, list):
+            rows = [_Row(f"{name}: ", f"[{i}]", row) for i, row in enumerate(content)]
+        elif isinstance(content, dict) and not {"questions", "question"} & content.keys():
+            rows = [_Row(f"{name}: ", key, _row_of_video(key, value, name)) for key, value in content.items()]
+        else:
+            rows = [_Row(f"{name}: ", "", content)]
+    scenes, gathered = list[_Row](), dict[str, _Row]()
+    for row in rows:
+        if not (isinstance(row.content, dict) and "question" in row.content and "questions" not in row.content):
+            scenes.append(row)
+            continue
+        index = row.content.get("scene_index")
+        if str(index) not in gathered:
+            about = {"scene_index": index, "video_filename": row.content.get("video_filename", _video_name(index))}
+            gathered[str(index)] = _Row(row.where, row.place, {**about, "questions": []})
+            scenes.append(gathered[str(index)])
+        gathered[str(index)].content["questions"].append(row.content)
+    for question in (q for row in scenes for q in _listed(row.content, "questions")):
+        _spell_out(question, "yes", "no")
+        for choice in _listed(question, "choices"):
+            _spell_out(choice, "correct", "wrong")
+    return scenes
+
+
+def _row_of_video(key: str, value: Any, name: str) -> Any:
+    """The scene of a video's name or number; `value` is the scene, or its list of questions."""
+    number = VIDEO_KEY.fullmatch(key)
+    if number is None:
+        raise DataError(f"{name}: {key!r:.60}: expected the name or number of a video, such as video_10000.mp4, as key")
+    index = int(number[1])
+    about = {"scene_index": index, "video_filename": key if number[2] else _video_name(index)}
+    scene = {**about, "questions": value} if isinstance(value, list) else value
+    if isinstance(scene, dict):
+        scene = {**about, **scene}
+        expect(scene["scene_index"] == index, f"{name}: {key}.scene_index", str(index), scene["scene_index"])
+    return scene
+
+
+def _video_name(index: Any) -> str:
+    """The name of a video's file in the release."""
+    return f"video_{index:05d}.mp4" if isinstance(index, int) else ""
+
+
+def _listed(row: Any, key: str) -> list[Any]:
+    """The list under a key, if there is one."""
+    found = row.get(key) if isinstance(row, dict) else None
+    return found if isinstance(found, list) else []
+
+
+def _spell_out(row: Any, true: str, false: str) -> None:
+    """Put the word in place of an answer that is a number or a truth value."""
+    if isinstance(row, dict) and isinstance(answer := row.get("answer"), bool | int):
+        row["answer"] = (true if answer else false) if isinstance(answer, bool) else str(answer)
 
 
 def _check_question(q: Question, place: str) -> None:

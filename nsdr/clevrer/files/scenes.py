@@ -218,7 +218,7 @@ def iterate_scenes(path: str | Path) -> Iterator[tuple[int, str, Scene]]:
         for index, block in check_truth_blocks(content, str(path)).items():
             yield index, f"video_{index:05d}.mp4", scene_from_ground_truth(block, block["n_frames"])
     elif isinstance(content, dict) and "motion_trajectory" in content:
-        check_annotation(content, None, f"{path}: ")
+        check_annotation(content, f"{path}: ")
         yield content["scene_index"], content["video_filename"], scene_from_annotation(content)
     else:
         check_truth(content, f"{path}: ")
