@@ -458,13 +458,21 @@ def test_a_folder_with_a_name_that_is_not_utf8_is_parsed_without_it(tmp_path, ca
     assert "video_\\xff2.mp4: left out" in printed.err
 
 
+def test_videos_that_differ_in_their_ending_are_two(tmp_path) -> None:
+    paths = [tmp_path / "v.mp4", save(tmp_path / "v.gif", [frame(1), frame(2)], 40)]
+    paths[0].write_bytes(b"x")
+    report = tmp_path / "report.json"
+    assert main(["judge", *map(str, paths), "-o", str(report), "--workers", "1", "--keep-going"]) == 0
+    assert [row["video"] for row in json.loads(report.read_text())] == [str(path) for path in paths]
+
+
 def test_two_videos_of_one_name_are_not_one(tmp_path, capsys) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "v.mp4").write_bytes(b"x")
     paths = [str(tmp_path / name / "v.mp4") for name in ("a", "b")]
     assert main(["judge", *paths, "-o", str(tmp_path / "report.json")]) == 2
-    assert "both are v; rename one" in capsys.readouterr().err
+    assert "both are v.mp4; rename one" in capsys.readouterr().err
     assert main(["judge", str(tmp_path / "a"), "-o", str(tmp_path / "a.json")]) == 2
     assert "give the report another name" in capsys.readouterr().err
 

@@ -249,3 +249,21 @@ def test_a_map_whose_colons_lack_spaces_is_refused_with_the_remedy(option, value
     (line,) = capsys.readouterr().err.splitlines()
     assert f"--{option} {value}: " in line
     assert "a space after each colon" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["generate", "--help"], ["dataset", "violations", "scene", "questions", "-o", "--keep-going"]),
+        (["generate", "dataset", "--help"], ["-o", "--keep-going", "--videos"]),
+        (
+            ["train", "-h"],
+            ["frame-parser", "dynamics", "collisions", "question-parser", "average", "baseline", "--device"],
+        ),
+        (["extract-features", "--help"], ["--from", "-o", "--keep-going"]),
+    ],
+)
+def test_help_names_parts_and_options(arguments: list[str], told: list[str], capsys) -> None:
+    assert main(arguments) == 0
+    out = capsys.readouterr().out
+    assert not [text for text in told if text not in out]

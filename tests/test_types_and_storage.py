@@ -142,3 +142,13 @@ def test_loading_names_the_malformed_file(tmp_path, small_scene: Scene) -> None:
 def test_other_extensions_are_rejected(tmp_path, small_scene: Scene) -> None:
     with pytest.raises(DataError, match=r"expected a name ending in \.json"):
         save(small_scene, tmp_path / "scene.txt")
+
+
+def test_what_was_not_saved_is_refused_with_what_reads_it(tmp_path) -> None:
+    """An annotation in place of a saved scene; and a value of another kind names the types that can be saved alone."""
+    path = tmp_path / "annotation_00003.json"
+    path.write_text('{"scene_index": 3, "motion_trajectory": []}')
+    with pytest.raises(DataError, match=r"annotation_00003\.json: .*scene_from_annotation"):
+        load(Scene, path)
+    with pytest.raises(DataError, match="cannot save a str; expected one of Add, Answer"):
+        save("text", tmp_path / "a.json")

@@ -8,8 +8,10 @@ from dataclasses import replace
 from itertools import combinations
 
 import cv2
+import matplotlib
 import numpy as np
 import pytest
+from matplotlib import pyplot
 
 import nsdr.visualize
 from nsdr import DataError, Event, Executor, SceneObject, save
@@ -273,3 +275,11 @@ def test_a_box_is_thin_where_its_object_is_not_seen(perceived) -> None:
     seen, unseen = (thumbnail(frames[f], index, p.tracks, [late.object.id]) for index in (f, f - 1))
     assert seen != unseen
     assert unseen != thumbnail(frames[f], f, p.tracks, [])
+
+
+def test_figures_leave_the_users_matplotlib_alone(small_scene) -> None:
+    before = matplotlib.get_backend(), pyplot.get_fignums()
+    matplotlib.use("pdf")
+    assert figure_png(causal_figure(small_scene)).startswith(b"\x89PNG")
+    assert (matplotlib.get_backend(), pyplot.get_fignums()) == ("pdf", before[1])
+    matplotlib.use(before[0])

@@ -67,6 +67,9 @@ BACKENDS: Registry[BackendFactory] = Registry(
 def _physics(folder: Path, config: BackendConfig) -> DynamicsBackend:
     from nsdr.dynamics.collisions.network import TrackCollisionDetector
 
+    if (folder / "dynamics.safetensors").exists() and not (folder / "collisions.safetensors").exists():
+        remedy = 'give the backend that was saved, such as --dynamics state (in Python, dynamics="state")'
+        raise CheckpointError(f"{folder}: has no collisions.safetensors, which dynamics 'physics' needs; {remedy}")
     detector = TrackCollisionDetector.from_checkpoint(folder)
     return PhysicsPredictor(detector, config.physics, config.shortcut, config.horizon_frame)
 

@@ -19,9 +19,7 @@ from nsdr.io.reading import read_json
 from nsdr.validation import Checked, Count, check_fields, convert, expect, shown
 
 T = TypeVar("T")
-_KINDS: dict[str, type] = {
-    name: kind for name in types.__all__ if dataclasses.is_dataclass(kind := getattr(types, name))
-}
+_KINDS: dict[str, type] = {name: kind for name in types.__all__ if isinstance(kind := getattr(types, name), type)}
 LIMITS = {
     "n_frames": "frames",
     "frame": "frames",

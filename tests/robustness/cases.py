@@ -12,6 +12,7 @@ from tests.robustness.configurations import configuration_cases
 from tests.robustness.data_sets import data_set_cases
 from tests.robustness.documents import document_cases
 from tests.robustness.files import file_cases
+from tests.robustness.layouts import layout_cases
 from tests.robustness.library import library_cases
 from tests.robustness.machines import machine_cases
 from tests.robustness.options import option_cases
@@ -37,6 +38,7 @@ def _cases() -> Iterator[Case]:
     yield from answer_file_cases()
     yield from library_cases()
     yield from data_set_cases()
+    yield from layout_cases()
     yield from agent_cases()
     yield from hostile_video_cases()
     yield from machine_cases()

@@ -64,9 +64,9 @@ FIELDS: dict[str, list[Field]] = {
     "questions": _fields(
         "0.scene_index: id", "0.video_filename: text", "0.questions: list", "0.questions.0.question_id: id",
         "0.questions.0.question: text", "0.questions.0.question_type: word", "0.questions.0.program: tokens?",
-        "0.questions.0.answer: word?", "0.questions.1.choices: list", "0.questions.1.choices.0.choice_id: id",
+        "0.questions.0.answer: answer?", "0.questions.1.choices: list", "0.questions.1.choices.0.choice_id: id",
         "0.questions.1.choices.0.choice: text", "0.questions.1.choices.0.program: tokens?",
-        "0.questions.1.choices.0.answer: word?"),
+        "0.questions.1.choices.0.answer: judgement?"),
     "annotations": _fields(
         "scene_index: id", "video_filename: text", "object_property: list", *_named("object_property.1", "object_id"),
         "motion_trajectory: list", "motion_trajectory.5.frame_id: frame", "motion_trajectory.5.objects: list",
@@ -90,9 +90,9 @@ FIELDS: dict[str, list[Field]] = {
     "scene questions": _fields(*SCENE[-6:]),
     "manifest": _fields("splits: object", "splits.train: list", "splits.validation: list", "kinds: list", "n_frames: count"),
     "submission": _fields(
-        "0.scene_index: id", "0.questions: list", "0.questions.0.question_id: id", "0.questions.0.answer: text",
-        "0.questions.1.choices: list", "0.questions.1.choices.0.choice_id: id", "0.questions.1.choices.0.answer: word"),
-    "questions to tag": _fields("0.questions.1.choices.0.program: tokens", "0.questions.1.choices.0.answer: word"),
+        "0.scene_index: id", "0.questions: list", "0.questions.0.question_id: id", "0.questions.0.answer: given",
+        "0.questions.1.choices: list", "0.questions.1.choices.0.choice_id: id", "0.questions.1.choices.0.answer: judgement"),
+    "questions to tag": _fields("0.questions.1.choices.0.program: tokens", "0.questions.1.choices.0.answer: judgement"),
 }  # fmt: skip
 """The fields of each format that a reader needs (`docs/cli.md` and the readers' documentation)."""
 CHANGES: dict[str, dict[str, Change]] = {
@@ -120,7 +120,7 @@ CHANGES: dict[str, dict[str, Change]] = {
         "same attributes": lambda d: d["object_property"][1].update(color="red", material="metal", shape="cube"),
         "no object": replaced("object_property", []),
         "frame twice": repeated("motion_trajectory", 5),
-        "frame missing": lambda d: d["motion_trajectory"].pop(),
+        "frame missing": lambda d: d["motion_trajectory"].pop(5),
         "no frame": replaced("motion_trajectory", []),
         "object twice in a frame": repeated("motion_trajectory", 5, "objects", 0),
         "object missing in a frame": lambda d: d["motion_trajectory"][5]["objects"].pop(),

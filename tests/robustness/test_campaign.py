@@ -13,11 +13,12 @@ from tests.robustness.cases import all_cases, sample_cases
 from tests.robustness.data_sets import data_set_controls
 from tests.robustness.documents import control_cases
 from tests.robustness.good import write_good
+from tests.robustness.layouts import layout_controls
 from tests.robustness.library import library_controls
 from tests.robustness.worker import Worker
 
 SAMPLE, SEED = 150, 16
-CONTROLS = [*control_cases(), *answer_controls(), *data_set_controls(), *library_controls()]
+CONTROLS = [*control_cases(), *answer_controls(), *data_set_controls(), *layout_controls(), *library_controls()]
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "robustness.md"
 
 

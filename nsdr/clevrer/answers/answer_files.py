@@ -3,12 +3,14 @@
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NotRequired, TypedDict
+from typing import Annotated, Any, Literal, NotRequired, TypedDict
+
+from msgspec import Meta
 
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.answers.responses import Response, read_response_to
 from nsdr.clevrer.files.questions import Question
-from nsdr.clevrer.files.schema import Id, RecordId, check_unique
+from nsdr.clevrer.files.schema import LARGEST_ID, Id, RecordId, check_unique
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.reading import parse_json_lines, read_json, read_json_bytes
@@ -31,7 +33,7 @@ Given = str | Mapping[int, str]
 """A system's answer: its response; or of a submission "correct", "wrong" or "error" by the choice's id."""
 ERROR = "error"
 """What systems such as the released executor write, as an answer or as a key, where a program failed."""
-Word = str | bool | int | None
+Word = str | bool | Annotated[int, Meta(ge=-LARGEST_ID, le=LARGEST_ID)] | None
 """An answer in a file: a text, a number, or true or false for "yes" or "no"; null for none."""
 
 

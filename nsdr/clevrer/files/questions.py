@@ -227,8 +227,11 @@ def _listed(row: Any, key: str) -> list[Any]:
 
 def _spell_out(row: Any, true: str, false: str) -> None:
     """Put the word in place of an answer that is a number or a truth value."""
-    if isinstance(row, dict) and isinstance(answer := row.get("answer"), bool | int):
-        row["answer"] = (true if answer else false) if isinstance(answer, bool) else str(answer)
+    answer = row.get("answer") if isinstance(row, dict) else None
+    if isinstance(answer, bool):
+        row["answer"] = true if answer else false
+    elif isinstance(answer, int) and 0 <= answer <= LARGEST_COUNT:
+        row["answer"] = str(answer)
 
 
 def _check_question(q: Question, place: str) -> None:
