@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from nsdr import Event, track
 from nsdr.clevrer.files.annotations import read_truth
-from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_ground_truth
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.dynamics.physics.collision_search import CollisionSearch, Evidence, search_collisions

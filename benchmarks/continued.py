@@ -18,7 +18,7 @@ import numpy as np
 
 from nsdr import track
 from nsdr.clevrer.files.annotations import read_truth
-from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_ground_truth
 from nsdr.dynamics.registry import load_backend
 from nsdr.io.checkpoint import find_checkpoint

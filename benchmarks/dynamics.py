@@ -20,7 +20,7 @@ import numpy as np
 
 from nsdr import DynamicsPrediction, Event, Scene, track
 from nsdr.clevrer.files.annotations import read_truth
-from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_ground_truth
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks

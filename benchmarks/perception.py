@@ -14,7 +14,7 @@ import numpy as np
 
 from nsdr import Pipeline, Scene, VideoTracks, track
 from nsdr.clevrer.files.annotations import read_annotation
-from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation
 
 TOLERANCE_FRAMES = 3

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nsdr import track
-from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.tracking.localization import MAX_RATIO, TYPICAL_RATIO, size_ratio
 
 

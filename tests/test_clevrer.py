@@ -12,12 +12,8 @@ import pytest
 import nsdr.clevrer
 from nsdr import DataError, DynamicsPrediction, Event, Rollout, SceneObject
 from nsdr.clevrer.example import QUESTIONS
-from nsdr.clevrer.files.proposals import (
-    proposals_document,
-    proposals_from_rows,
-    read_compact_proposals,
-    read_proposals,
-)
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
+from nsdr.clevrer.files.proposals import proposals_document, proposals_from_rows, read_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.clevrer.files.scenes import (
     collisions_in_view,
@@ -169,7 +165,7 @@ def test_malformed_proposals_name_the_location(tmp_path) -> None:
     )
     with pytest.raises(DataError, match=r"p\.json: frames\[0\]\.objects\[0\]"):
         read_proposals(path)
-    path.write_text('{"frames": [{"frame_index": 1, "objects": []}, {"frame_index": 1, "objects": []}]}')
+    path.write_text('{"frames": [{"frame_index": 0, "objects": []}, {"frame_index": 0, "objects": []}]}')
     with pytest.raises(DataError, match="frame_index: expected ascending frames"):
         read_proposals(path)
     path.write_text("[]")
@@ -196,7 +192,7 @@ def test_questions_of_the_example() -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({}, "expected a list, got"),
+        ({}, "holds no scenes"),
         ([{"scene_index": 1, "video_filename": "a"}], r"\[0\]: missing key 'questions'"),
         (
             [{"scene_index": "1", "video_filename": "a", "questions": []}],
@@ -231,7 +227,7 @@ def test_every_public_name_is_exported_by_the_package() -> None:
     assert callable(download)
     assert read_annotation.__module__ == "nsdr.clevrer.files.annotations"
     assert CLEVRER.__module__ == "nsdr.clevrer.dataset"
-    internal = {"answer_forms", "schema", "velocity_rule", "example"}
+    internal = {"answer_forms", "layout", "schema", "velocity_rule", "example"}
     found = pkgutil.walk_packages(nsdr.clevrer.__path__, "nsdr.clevrer.")
     files = [m.name for m in found if not m.ispkg and m.name.rpartition(".")[2] not in internal]
     public = {name for file in files for name in importlib.import_module(file).__all__}

@@ -10,7 +10,7 @@ import torch
 from accelerate.utils import send_to_device
 
 from nsdr.clevrer.example import VIDEO
-from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.cli.main import main
 from nsdr.dynamics.collisions.network import CollisionNetworkConfig, TrackCollisionDetector
 from nsdr.dynamics.motion_states import states_from_tracks

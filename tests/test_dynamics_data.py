@@ -12,7 +12,8 @@ from pycocotools import mask as rle
 from nsdr import DataError
 from nsdr.clevrer.compact_files import write_compact_files
 from nsdr.clevrer.files.annotations import read_truth, truth_block, write_annotation
-from nsdr.clevrer.files.proposals import read_compact_proposals, read_proposals
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
+from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.clevrer.files.scenes import scene_from_ground_truth
 from nsdr.cli.main import main
 from nsdr.dynamics.propnet import data as motion_data

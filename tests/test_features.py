@@ -23,7 +23,7 @@ from nsdr.baselines.features.extraction import (
 from nsdr.baselines.features.files import KINDS, FeatureCache, FeatureConfig, WordConfig, check_settings, feature_file
 from nsdr.baselines.features.words import detected_features, linked_boxes, recolored, truth_features
 from nsdr.clevrer.example import VIDEO
-from nsdr.clevrer.files.proposals import compact_rows
+from nsdr.clevrer.files.compact_proposals import compact_rows
 from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser

@@ -19,7 +19,7 @@ from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.download import download
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.files.annotations import check_ground_truth, read_annotation, write_annotation
-from nsdr.clevrer.files.proposals import read_ground_truth
+from nsdr.clevrer.files.proposals import read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import Choice, read_questions, without_answers, write_questions
 from nsdr.cli.main import main
 from nsdr.evaluation import EvaluationConfig, evaluate, format_table, run_evaluation
@@ -309,6 +309,17 @@ def test_an_annotation_has_its_own_length(root, tmp_path) -> None:
     command = ["evaluate", "--root", str(root), "--split", "train", "--source", "annotations", "--programs", "gold"]
     assert main([*command, "-o", str(tmp_path / "r.json")]) == 0
     assert json.loads((tmp_path / "r.json").read_text())["descriptive"]["accuracy"] == 1.0
+
+
+def test_proposals_are_numbered_from_0(tmp_path) -> None:
+    """Files numbered from 1 were read as of 129 frames, each object a frame late."""
+    document = proposal()
+    for frame in document["frames"]:
+        frame["frame_index"] += 1
+    path = tmp_path / "proposal_00003.json"
+    path.write_text(json.dumps(document))
+    with pytest.raises(DataError, match=r"proposal_00003\.json: frames\[0\]\.frame_index: expected 0"):
+        read_proposals(path)
 
 
 def test_ground_truth_blocks(root, tmp_path) -> None:

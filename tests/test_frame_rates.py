@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from nsdr import DataError, FrameParser, TrackerConfig, VideoProposals
-from nsdr.clevrer.files.proposals import proposals_document, proposals_from_rows, read_compact_proposals, read_proposals
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
+from nsdr.clevrer.files.proposals import proposals_document, proposals_from_rows, read_proposals
 from nsdr.dynamics.motion_states import detections_in, states_from_tracks
 from nsdr.dynamics.sliding import slide
 from nsdr.dynamics.track_smoothing import smooth_tracks

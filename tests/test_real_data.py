@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from nsdr.clevrer.files.annotations import check_ground_truth, read_annotation, read_truth
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.predictions import read_predictions
-from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
+from nsdr.clevrer.files.proposals import read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth
 from nsdr.dynamics.physics.forces import VELOCITY

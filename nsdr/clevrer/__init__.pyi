@@ -43,6 +43,7 @@ from .files.annotations import (
     write_annotation as write_annotation,
     write_truth as write_truth,
 )
+from .files.compact_proposals import compact_rows as compact_rows, read_compact_proposals as read_compact_proposals
 from .files.masks import check_mask as check_mask
 from .files.predictions import (
     SAMPLE_FRAMES as SAMPLE_FRAMES,
@@ -52,14 +53,12 @@ from .files.predictions import (
     scene_from_predictions as scene_from_predictions,
 )
 from .files.proposals import (
-    compact_rows as compact_rows,
     find_proposals as find_proposals,
     ground_truth_of as ground_truth_of,
     parse_proposals as parse_proposals,
     proposals_document as proposals_document,
     proposals_from_masks as proposals_from_masks,
     proposals_from_rows as proposals_from_rows,
-    read_compact_proposals as read_compact_proposals,
     read_ground_truth as read_ground_truth,
     read_proposals as read_proposals,
 )

@@ -10,7 +10,8 @@ from tqdm import tqdm
 
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_annotation, check_truth, truth_block, write_truth
-from nsdr.clevrer.files.proposals import COMPACT_ARRAYS, compact_rows, ground_truth_of, parse_proposals
+from nsdr.clevrer.files.compact_proposals import COMPACT_ARRAYS, compact_rows
+from nsdr.clevrer.files.proposals import ground_truth_of, parse_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, locked

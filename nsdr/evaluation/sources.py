@@ -6,8 +6,9 @@ from typing import Any
 
 from nsdr.clevrer.dataset import Split
 from nsdr.clevrer.files.annotations import read_annotation, read_truth, read_truth_file
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.predictions import PredictionFile, read_predictions, scene_from_predictions
-from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
+from nsdr.clevrer.files.proposals import read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth, scene_from_truth
 from nsdr.clevrer.layout import FolderFiles

@@ -13,8 +13,9 @@ from nsdr import Scene, load
 from nsdr.clevrer.answers.answer_files import read_submission
 from nsdr.clevrer.dataset import read_manifest
 from nsdr.clevrer.files.annotations import read_annotation, read_truth
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.predictions import read_predictions, scene_from_predictions
-from nsdr.clevrer.files.proposals import read_compact_proposals, read_ground_truth, read_proposals
+from nsdr.clevrer.files.proposals import read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth
 from nsdr.errors import DataError

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from nsdr import tracking
 from nsdr.clevrer.dataset import CLEVRER, Split
 from nsdr.clevrer.files.annotations import read_truth, truth_block
-from nsdr.clevrer.files.proposals import read_compact_proposals
+from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation
 from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
@@ -102,7 +102,7 @@ def read_motion_dataset(
     """Track the compact proposals of every video of the normal length and join the tracks with the true collisions.
 
     Args:
-        proposals: compact proposals (NPZ), see `nsdr.clevrer.files.proposals.read_compact_proposals`.
+        proposals: compact proposals (NPZ), see `nsdr.clevrer.files.compact_proposals.read_compact_proposals`.
         truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.files.annotations.read_truth`.
         cache: an NPZ file that keeps the result. It is read where it was made from the same files, `limit` and
             versions, and written otherwise.
