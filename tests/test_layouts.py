@@ -100,7 +100,8 @@ def test_folders_may_be_links(tmp_path: Path) -> None:
     elsewhere = write_layout(tmp_path / "disk", LAYOUTS["as SlotFormer wants it"])
     root = tmp_path / "data"
     root.mkdir()
-    for name in ("annotations", "videos", "questions"):
+    (root / "annotations").mkdir()
+    for name in ("annotations/val", "videos", "questions"):
         os.symlink(elsewhere / name, root / name)
     assert CLEVRER(root).split("validation").video(INDEX).is_file()
     assert accuracy(tmp_path, "--root", root, "--source", "annotations") == 1.0
