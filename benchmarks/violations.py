@@ -14,6 +14,7 @@ import os
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -37,9 +38,10 @@ from nsdr.io.files import find_files
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.reading import read_json
 from nsdr.laws.breaks import HIDDEN_NOISE_WORLD, JUMP_FRAMES
-from nsdr.laws.evidence import evidence_of
-from nsdr.laws.judge import judgement_of, on_time
+from nsdr.laws.evidence import evidence_in_time
+from nsdr.laws.judge import judgement_of
 from nsdr.laws.motion import Evidence, Explanation
+from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
@@ -94,10 +96,11 @@ def judged_file(path: Path) -> tuple[Judgement, list[Evidence]]:
 
 def judged(proposals: VideoProposals, late: NDArray[np.float64] | None = None) -> tuple[Judgement, list[Evidence]]:
     """What is said of a video, and the evidence; `late` as of `nsdr.judge`."""
-    tracks = track(proposals)
-    tracks = tracks if late is None else on_time(tracks, late)
-    evidence = evidence_of(tracks, proposals)
-    return judgement_of(tracks, evidence), evidence
+    tracks, n = track(proposals), proposals.n_frames
+    processed = np.arange(n) if proposals.processed is None else proposals.processed
+    timing = timing_of(tracks, processed, np.zeros(n) if late is None else late)
+    evidence = evidence_in_time(tracks, timing, proposals)
+    return replace(judgement_of(tracks, evidence), notes=timing.notes), evidence
 
 
 def area(broken: list[float], lawful: list[float]) -> tuple[float, float, float]:

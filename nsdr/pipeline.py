@@ -28,6 +28,7 @@ from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor
 from nsdr.symbolic.program import ProgramSource
 from nsdr.tracking.localization import size_notes
+from nsdr.tracking.speeds import speed_notes
 from nsdr.tracking.tracker import TrackerConfig, existence, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Judgement, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
@@ -197,8 +198,8 @@ class Pipeline:
             true_scene: a scene whose collisions during the video are taken as true, instead of detecting them.
 
         Raises:
-            VideoError: nothing is given, the file cannot be read or is not of CLEVRER's scene (see `VideoConfig`), or no
-                object was found.
+            VideoError: nothing is given, the file cannot be read or is not of CLEVRER's scene (see `VideoConfig`), no object
+                was found, or all move too far from frame to frame for the video's frame rate.
         """
         key, parts = None, (*self._frame_parsing(), self.tracker, self.dynamics, self.camera)
         if dynamics is None and tracks is None and proposals is None:
@@ -226,6 +227,9 @@ class Pipeline:
                 )
                 hint = short if tracks.n_frames <= least else "is it a CLEVRER clip?"
                 raise VideoError(f"{what}: no objects found in more than {least} frames; {hint}")
+            too_fast = () if video is None or self.video.check == "off" else speed_notes(tracks)
+            if too_fast and self.video.check == "refuse":
+                raise VideoError(f"{video}: {too_fast[0]}. --force goes on all the same")
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
             more: list[Any] = [] if observed is None else [observed]
             if getattr(self.dynamics, "reads_images", False):
@@ -238,8 +242,8 @@ class Pipeline:
         camera = self.camera if tracks is None else tracks.camera
         scene = scene_from_prediction(dynamics, probable, camera)
         if tracks is not None:
-            sizes = size_notes(tracks) if self.video.check != "off" else ()
-            scene = replace(scene, notes=distinct(tracks.notes, sizes))
+            unfit = (*speed_notes(tracks), *size_notes(tracks)) if self.video.check != "off" else ()
+            scene = replace(scene, notes=distinct(tracks.notes, unfit))
         perception = Perception(proposals, tracks, dynamics, scene)
         if key is not None:
             self._kept[key] = (parts, perception)
@@ -288,7 +292,8 @@ class Pipeline:
         wrong = check_video(video, self.video).unfit
         if not wrong or self.video.check != "refuse":
             proposals, late = self.proposals(video)
-            wrong += size_notes(track(proposals, self.tracker, self.camera))
+            tracks = track(proposals, self.tracker, self.camera)
+            wrong += (*speed_notes(tracks), *size_notes(tracks))
         if wrong and self.video.check == "refuse":
             raise VideoError(f"{video}: cannot be judged: {'; '.join(wrong)}. --force judges it all the same")
         try:

@@ -15,6 +15,7 @@ from nsdr.frame_parser import FrameParserConfig, build_frame_parser
 from nsdr.io.files import write_json
 from nsdr.io.video import read_frames
 from nsdr.tracking.localization import outline
+from nsdr.tracking.speeds import speed_notes
 from nsdr.tracking.tracker import track
 from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.physics_constants import FRAME_SECONDS
@@ -192,3 +193,11 @@ def test_one_longer_video_does_not_spoil_a_compact_file(tiny_motion, tmp_path) -
         2: 128,
         3: 128,
     }
+
+
+@pytest.mark.parametrize(("left_out", "is_too_fast"), [(1, False), (2, True), (4, True), (16, True)])
+def test_frames_that_are_left_out_show_in_the_first_speeds(left_out: int, is_too_fast: bool) -> None:
+    moving = detections(range(0, 128 // left_out), RED, -2.0, 0.075 * left_out if left_out < 16 else 0.5)
+    found = track(proposals(moving, n_frames=128 // left_out), TrackerConfig(min_frames=0))
+    assert bool(speed_notes(found)) == is_too_fast
+    assert not is_too_fast or "--fps" in speed_notes(found)[0]

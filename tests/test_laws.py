@@ -20,12 +20,14 @@ from nsdr.generate.scene_files import annotation_document, proposal_document
 from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import write_json
 from nsdr.io.video import read_video, write_video
-from nsdr.laws.evidence import evidence_of
+from nsdr.laws.evidence import evidence_in_time, evidence_of
 from nsdr.laws.judge import judge
 from nsdr.laws.motion import Evidence, Explanation, strongest
 from nsdr.laws.presence import renamed
+from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals, VideoTracks, Violation
+from nsdr.visualize.event_words import violation_text
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import attribute_index
 
@@ -39,6 +41,7 @@ SEEDS = {
     "reaction": 330015,
     "distance": 330002,
     "arrow": 330014,
+    "standstill": 330000,
 }
 """Scenes that give an occasion."""
 
@@ -52,6 +55,12 @@ def tracks_of(scene: SimulatedScene) -> VideoTracks:
     return tracks_from_annotation(annotation_document(scene, 0, "video.mp4", CLEVRER_CAMERA))
 
 
+def found_in(tracks: VideoTracks, late: np.ndarray | None = None) -> list[Evidence]:
+    """Evidence in the frames at the times at which they were taken."""
+    n = tracks.n_frames
+    return evidence_in_time(tracks, timing_of(tracks, np.arange(n), np.zeros(n) if late is None else late))
+
+
 def test_every_law_has_a_seed() -> None:
     assert list(SEEDS) == list(LAWS)
 
@@ -59,13 +68,13 @@ def test_every_law_has_a_seed() -> None:
 @pytest.mark.parametrize("law", LAWS)
 def test_the_broken_law_is_found_and_the_lawful_scene_breaks_none(law: str) -> None:
     scene = lawful(SEEDS[law])
-    assert not evidence_of(tracks_of(scene))
+    assert not found_in(tracks_of(scene))
     made = break_law(scene, law, "clear", SEEDS[law])
     assert made is not None
     broken, violation = made
     assert violation.law == law
     tracks = tracks_of(broken)
-    strongest = evidence_of(tracks)[0]
+    strongest = found_in(tracks)[0]
     assert strongest.law == law
     named = {tracks.tracks[i].object.name for i in strongest.objects}
     assert named == {broken.objects[i].name for i in violation.objects}
@@ -185,6 +194,88 @@ def test_a_colour_that_changes_is_seen_in_the_proposals(tmp_path) -> None:
     assert abs(found.violations[0].frame - violation.frame) <= 1
     assert found.objects[found.violations[0].objects[0]].name == broken.objects[violation.objects[0]].name
     assert found.probability > 0.85
+    assert [look.split()[0] for look in found.violations[0].looks] == [
+        broken.objects[i].color for i in violation.objects
+    ]
+
+
+@pytest.mark.parametrize("changes", [30, 100])
+def test_a_new_look_is_reported_where_it_begins_however_long_it_is_seen(changes: int, tmp_path) -> None:
+    path = tmp_path / "proposal_00000.json"
+    write_json(path, proposal_document(lawful(SEEDS["identity"]), 0, "video.mp4", CLEVRER_CAMERA))
+    proposals = read_proposals(path)
+    name = track(proposals).tracks[0].object.name
+    color, *others = name.split()
+    other = " ".join(("red" if color != "red" else "blue", *others))
+    mine = (proposals.attribute == attribute_index(*name.split())) & (proposals.frame_index >= changes)
+    attribute = np.where(mine, attribute_index(*other.split()), proposals.attribute)
+    (found,) = judge(replace(proposals, attribute=attribute)).violations
+    assert (found.law, found.looks) == ("identity", (name, other))
+    assert abs(found.frame - changes) <= 2
+    assert f"was {color}, is {other.split()[0]}" in violation_text(found, judge(proposals).objects)
+
+
+def converted(proposals: VideoProposals, original: np.ndarray) -> VideoProposals:
+    """A video whose frame k shows frame `original[k]` of another one."""
+    rows = [np.flatnonzero(proposals.frame_index == f) for f in original]
+    frames, every = np.repeat(np.arange(len(rows)), [len(r) for r in rows]), np.concatenate(rows)
+    names = ("attribute", "score", "centroid_px", "area_px", "box_xyxy_px")
+    return VideoProposals(len(rows), frames, *(getattr(proposals, name)[every] for name in names))
+
+
+def copied(proposals: VideoProposals, rate: float) -> tuple[VideoProposals, np.ndarray]:
+    """A copy at another rate, as FFmpeg makes it from the frames that there are, and how late the processed frames are."""
+    begins = np.floor(np.arange(proposals.n_frames) * rate / 25 + 0.5)
+    original = np.searchsorted(begins, np.arange(round(proposals.n_frames * rate / 25)), side="right") - 1
+    time = np.arange(len(original)) * 25 / rate
+    slots = np.ceil(time - 0.5).astype(int)
+    nearest = [min(np.flatnonzero(slots == n), key=lambda j: abs(time[j] - slots[j])) for n in np.unique(slots)]
+    picked, late = converted(proposals, original[nearest]), np.zeros(slots[-1] + 1)
+    late[slots[nearest]] = (time - slots)[nearest]
+    at = slots[nearest]
+    moved = replace(picked, n_frames=len(late), frame_index=at[picked.frame_index], processed=at)
+    return moved, late
+
+
+@pytest.fixture(scope="module")
+def pair_of_proposals(tmp_path_factory) -> tuple[VideoProposals, VideoProposals]:
+    """Of a lawful scene, and of the same in which an object jumps."""
+    scene, made = lawful(SEEDS["continuity"]), break_law(lawful(SEEDS["continuity"]), "continuity", "clear", 1)
+    assert made is not None
+    found = []
+    for k, one in enumerate((scene, made[0])):
+        path = tmp_path_factory.mktemp("pair") / f"proposal_{k:05d}.json"
+        write_json(path, proposal_document(one, k, "video.mp4", CLEVRER_CAMERA))
+        found.append(read_proposals(path))
+    return found[0], found[1]
+
+
+@pytest.mark.parametrize("rate", [24.0, 24000 / 1001, 30000 / 1001, 30.0, 50.0, 60.0, 15.0])
+def test_a_copy_at_another_rate_breaks_what_the_original_breaks(rate: float, pair_of_proposals) -> None:
+    lawful_one, broken = (judge(p, late=late) for p, late in (copied(p, rate) for p in pair_of_proposals))
+    assert not lawful_one.violations
+    assert [v.law for v in broken.violations] == ["continuity"]
+    assert abs(broken.violations[0].frame - judge(pair_of_proposals[1]).violations[0].frame) <= 3
+    assert bool(broken.notes) == (rate != 50.0)
+    assert broken.n_frames == pytest.approx(128, abs=2)
+
+
+def test_frames_shown_again_are_noticed_where_the_rate_says_nothing(pair_of_proposals) -> None:
+    original = np.arange(128) // 3 * 3
+    found = judge(converted(pair_of_proposals[0], original))
+    assert not found.violations
+    assert "shown again" in found.notes[0]
+    assert not judge(pair_of_proposals[0]).notes
+
+
+def test_a_pause_is_one_violation_and_none_where_nothing_should_move(pair_of_proposals) -> None:
+    proposals = pair_of_proposals[0]
+    original = np.concatenate([np.arange(50), np.full(14, 50), np.arange(50, 114)])
+    (found,) = judge(converted(proposals, original)).violations
+    assert (found.law, found.frame, found.end) == ("standstill", 50, 65)
+    assert "time stands still from frame 50 to 64" in violation_text(found, judge(proposals).objects)
+    still = judge(converted(proposals, np.full(128, 50)))
+    assert not still.violations
 
 
 @pytest.mark.parametrize(("words", "law"), [(("red", "rubber", "cube"), "identity"), (None, "permanence")])

@@ -15,7 +15,9 @@ from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_t
 from nsdr.dynamics.physics.forces import VELOCITY
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
+from nsdr.frame_parser.check.reasons import camera_motion
 from nsdr.generate.physics.bullet import Simulator
+from nsdr.io.video import read_video
 from nsdr.symbolic import Executor
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
@@ -238,3 +240,8 @@ def test_visibility_is_the_releases(shared) -> None:
             total += len(rows)
     assert total == 6400
     assert wrong <= 6
+
+
+def test_objects_that_move_are_no_motion_of_the_camera(shared) -> None:
+    frames = read_video(shared / "clips/video_500009.mp4")[::-1]
+    assert camera_motion(frames[:64:2]) < 0.1

@@ -42,7 +42,7 @@ class ViolationsConfig(DatasetConfig):
 
     job: ClassVar[tuple[str, int]] = "pair", 2
 
-    videos: Annotated[int, Meta(ge=2, le=limits().videos, multiple_of=2)] = 54
+    videos: Annotated[int, Meta(ge=2, le=limits().videos, multiple_of=2)] = 60
     splits: Mapping[Split, Share] = field(default_factory=lambda: {"validation": 1.0})
     questions: None = None
     laws: Annotated[tuple[Annotated[str, one_of(LAWS)], ...], Meta(min_length=1)] = tuple(LAWS)

@@ -9,6 +9,7 @@ from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.laws.breaks import MIN_EVIDENCE
 from nsdr.laws.motion import Evidence, Explanation, strongest
 from nsdr.laws.presence import other_words, presence, renamed
+from nsdr.laws.timing import Timing
 from nsdr.types import VideoProposals, VideoTracks
 
 
@@ -40,6 +41,12 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
         every = tuple(range(len(states.objects)))
         motion = [Evidence("arrow", every, 0, tracks.n_frames, gain, "nats", gain)]
     return strongest([*motion, *found])
+
+
+def evidence_in_time(tracks: VideoTracks, timing: Timing, proposals: VideoProposals | None = None) -> list[Evidence]:
+    """The same of frames at the times at which they were taken, and of standstills; frames count as they are shown."""
+    found = evidence_of(timing.tracks(tracks), None if proposals is None else timing.proposals(proposals))
+    return [*(timing.as_shown(e) for e in found), *timing.evidence]
 
 
 def _reversed(states: MotionStates) -> MotionStates:

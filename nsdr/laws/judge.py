@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from nsdr.errors import VideoError
-from nsdr.laws.evidence import evidence_of
+from nsdr.laws.evidence import evidence_in_time
 from nsdr.laws.motion import Evidence
+from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import TrackerConfig, track
-from nsdr.types import Judgement, Track, VideoProposals, VideoTracks, Violation
-from nsdr.validation import FloatArray
+from nsdr.types import Judgement, VideoProposals, VideoTracks, Violation
+from nsdr.validation import FloatArray, IntArray
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.physics_constants import FPS
 
@@ -24,6 +25,7 @@ EVEN_NATS = {
     "reaction": 11.6,
     "distance": 6.0,
     "arrow": 6.0,
+    "standstill": 10.0,
 }
 STEEPNESS = 3.3
 """Evidence against each law that makes its violation as probable as not (nats), and how fast the log odds grow with the
@@ -46,6 +48,9 @@ def judge(
     positions as measured in the video, and by the same with a law broken; see `nsdr.laws.motion`. What is hidden, cut by the
     border or short tells less or nothing.
 
+    Frames are judged at the times at which they were taken: where a copy at another rate left frames out or shows them again,
+    `Judgement.notes` says so; see `nsdr.laws.timing`.
+
     Args:
         proposals: of the video's frames.
         tracker: thresholds of the tracker.
@@ -59,27 +64,29 @@ def judge(
     Raises:
         VideoError: too few frames were processed, or they lie too far apart.
     """
-    _check_processed(proposals)
+    processed = _checked_frames(proposals)
     tracks = track(proposals, tracker, camera)
-    if late is not None:
-        tracks = on_time(tracks, late)
-    return judgement_of(tracks, evidence_of(tracks, proposals))
+    timing = timing_of(tracks, processed, np.zeros(proposals.n_frames) if late is None else late)
+    _checked_frames(timing.proposals(proposals))
+    found = judgement_of(tracks, evidence_in_time(tracks, timing, proposals))
+    return replace(found, notes=(*found.notes, *timing.notes))
 
 
 def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement:
-    """How probable violations are by the evidence of `nsdr.laws.evidence.evidence_of`."""
+    """How probable violations are by the evidence of `nsdr.laws.evidence`."""
     violations, lawful = [], 1.0
     for e in evidence:
         probability = 1 / (1 + (EVEN_NATS[e.law] / e.nats) ** STEEPNESS)
         lawful *= 1 - probability
         if probability > 0.5:
-            violations.append(Violation(*e[:-1], probability=probability))
+            violations.append(Violation(*e[:6], probability=probability, looks=e.looks))
     violations.sort(key=lambda v: (v.frame, v.law))
     objects = tuple(t.object for t in tracks.tracks)
     return Judgement(objects, tracks.n_frames, tuple(violations), 1 - lawful, tracks.notes)
 
 
-def _check_processed(proposals: VideoProposals) -> None:
+def _checked_frames(proposals: VideoProposals) -> IntArray:
+    """The frames that were processed, if they suffice."""
     frames = np.arange(proposals.n_frames) if proposals.processed is None else proposals.processed
     if len(frames) < MIN_FRAMES:
         raise VideoError(f"{len(frames)} different frames are too few to judge; expected {MIN_FRAMES} or more")
@@ -87,25 +94,4 @@ def _check_processed(proposals: VideoProposals) -> None:
     if spacing > MAX_SPACING_FRAMES:
         least = f"expected {FPS / MAX_SPACING_FRAMES:.0f} or more, and a stride of no more than {MAX_SPACING_FRAMES}"
         raise VideoError(f"{FPS / spacing:.3g} frames a second are too few to judge; {least}")
-
-
-def on_time(tracks: VideoTracks, late: FloatArray) -> VideoTracks:
-    """Tracks with positions at 25 frames a second, each on the straight line to the position before or after it.
-
-    Args:
-        tracks: with positions as they were seen.
-        late: (F,) as of `judge`.
-    """
-    return replace(tracks, tracks=tuple(_on_time(t, late) for t in tracks.tracks))
-
-
-def _on_time(t: Track, late: FloatArray) -> Track:
-    frames, location = t.frame_index, t.location_world
-    if len(frames) < 2:
-        return t
-    taken = frames + late[frames]
-    moved = np.stack([np.interp(frames, taken, along) for along in location.T], 1)
-    for end, beside in ((0, 1), (-1, -2)):
-        velocity = (location[beside] - location[end]) / (taken[beside] - taken[end])
-        moved[end] = location[end] + (frames[end] - taken[end]) * velocity
-    return replace(t, location_world=moved)
+    return frames

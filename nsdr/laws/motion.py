@@ -55,7 +55,7 @@ MIN_ALONG = 0.6
 
 
 class Evidence(NamedTuple):
-    """What speaks for one violation: as `nsdr.types.Violation`, with nats in place of a probability."""
+    """What speaks for one violation: like `nsdr.types.Violation`, with nats in place of a probability."""
 
     law: str
     objects: tuple[int, ...]
@@ -64,6 +64,7 @@ class Evidence(NamedTuple):
     amount: float
     unit: str
     nats: float
+    looks: tuple[str, ...] = ()
 
 
 @dataclass

@@ -109,7 +109,8 @@ def _replaced(explanation: Explanation, found: list[Evidence]) -> list[Evidence]
                 if both:
                     words = differing_words(objects[old].name.split(), objects[new].name.split())
                     nats = sum(e.nats for e in both)
-                    result.append(Evidence("identity", (old, new), start, one[-1].last + 1, words, "words", nats))
+                    looks, end = (objects[old].name, objects[new].name), one[-1].last + 1
+                    result.append(Evidence("identity", (old, new), start, end, words, "words", nats, looks))
                     used |= set(both)
     return result + [e for e in found if e not in used]
 
@@ -137,26 +138,38 @@ def _renamed(e: Evidence, tracks: VideoTracks, proposals: VideoProposals, proces
     else:
         beside, k = e.frame, int(np.searchsorted(track.frame_index, e.frame)) - 1
     near = np.linalg.norm(proposals.centroid_px - track.centroid_px[k], axis=1) < PLACE_PX
-    attributes = proposals.attribute[near & (proposals.frame_index == beside)].tolist()
-    n = max((differing_words(track.object.name.split(), attributes_of(a)) for a in attributes), default=0)
-    return e._replace(law="identity", amount=n, unit="words") if n else e
+    own, attributes = track.object.name, proposals.attribute[near & (proposals.frame_index == beside)].tolist()
+    differing = [(differing_words(own.split(), attributes_of(a)), " ".join(attributes_of(a))) for a in attributes]
+    n, other = max(differing, default=(0, ""))
+    looks = (other, own) if e.frame == e.end else (own, other)
+    return e._replace(law="identity", amount=n, unit="words", looks=looks) if n else e
 
 
 def other_words(explanation: Explanation, tracks: VideoTracks, proposals: VideoProposals) -> Iterator[Evidence]:
-    """Against identity: reliable frames in a row in which an object has another word than in most."""
+    """Against identity: reliable frames in a row in which an object has another word than in most.
+
+    It changes in the first of these frames, or after the last one where it looks like that from its first frame on.
+    """
     for t in tracks.tracks:
-        own, found = t.object.name.split(), detected_attributes(t, proposals).tolist()
-        differing = [differing_words(own, attributes_of(a)) if a >= 0 else 0 for a in found]
+        own, found = t.object.name, detected_attributes(t, proposals)
+        differing = np.array([differing_words(own.split(), attributes_of(a)) if a >= 0 else 0 for a in found.tolist()])
         reliable = explanation.states.reliable[t.object.id, t.frame_index]
-        run: list[tuple[int, int]] = []
-        best: list[tuple[int, int]] = []
-        for f, n, good in zip(t.frame_index.tolist(), differing, reliable, strict=True):
-            if n == 0:
-                run = []
-            elif good:
-                run = [*run, (f, n)]
-                best = max(best, run, key=len)
+        best: list[int] = []
+        seen_before = had_own = False
+        run: list[int] = []
+        for k in np.flatnonzero(reliable | (differing == 0)).tolist():
+            if differing[k] == 0:
+                run, had_own = [], had_own or bool(reliable[k])
+                continue
+            run = [*run, k]
+            if len(run) > len(best):
+                best, seen_before = run, had_own
         nats = len(best) * MISSED_NATS * explanation.states.spacing_frames
         if nats > MIN_EVIDENCE:
-            count = max(n for _, n in best)
-            yield Evidence("identity", (t.object.id,), best[0][0], best[-1][0] + 1, count, "words", nats)
+            values, counts = np.unique(found[best], return_counts=True)
+            looks, last = (own, " ".join(attributes_of(int(values[counts.argmax()])))), int(t.frame_index[best[-1]]) + 1
+            first, end = int(t.frame_index[best[0]]), last
+            if not seen_before:
+                looks, first, end = looks[::-1], last, int(t.frame_index[-1]) + 1
+            count = int(differing[best].max())
+            yield Evidence("identity", (t.object.id,), first, end, count, "words", nats, looks)

@@ -16,6 +16,7 @@ LAWS = {
     "reaction": "Of two objects that collide, both change, as masses and restitution allow.",
     "distance": "Nothing acts before it touches.",
     "arrow": "Time runs forwards.",
+    "standstill": "Time does not stand still.",
 }
 """What each law says; in this order they are reported."""
 
@@ -26,13 +27,14 @@ class Violation(Checked):
 
     Attributes:
         law: one of `LAWS`.
-        objects: ids of the objects that break it; all for "arrow".
+        objects: ids of the objects that break it; all for "arrow" and "standstill".
         frame: the first frame that shows it.
         end: the first frame that no longer does; the video's end where it stays so.
         amount: how much is wrong, in `unit`.
         unit: "frames", "words", "world units", "world units/s", "world units/s²", "restitution"; in truth
             files also "share" and "collisions", in judgements also "nats".
         probability: that the law is broken; 1 in truth files.
+        looks: of "identity", the words before and after the change; else empty.
     """
 
     law: Annotated[str, one_of(LAWS)]
@@ -42,6 +44,7 @@ class Violation(Checked):
     amount: float
     unit: str
     probability: Share = 1.0
+    looks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -37,12 +37,21 @@ AMOUNTS = {
     "reaction": "as if with a restitution of {:.2f}",
     "distance": "{:.2f} world units before they touch",
     "arrow": "backwards it fits better by {:.0f} nats",
+    "standstill": "the same picture for {:.0f} frames",
 }
 """What `Violation.amount` says, by law."""
+OF_ALL = ("arrow", "standstill")
+"""Laws that all objects break together."""
 
 
 def violation_text(violation: Violation, objects: Sequence[SceneObject]) -> str:
-    """For example "frame 43: identity, the red metal cube (3 attributes differ, 98 %)"."""
-    v = violation
-    which = "all objects" if v.law == "arrow" else " and ".join(f"the {objects[i].name}" for i in v.objects)
-    return f"frame {v.frame}: {v.law}, {which} ({AMOUNTS[v.law].format(v.amount)}, {percent(v.probability)})"
+    """For example "frame 43: identity, the red metal cube (was brown, is red; 1 attributes differ, 98 %)"."""
+    v, what = violation, AMOUNTS[violation.law].format(violation.amount)
+    which = "all objects" if v.law in OF_ALL else " and ".join(f"the {objects[i].name}" for i in v.objects)
+    if v.law == "standstill":
+        what = f"time stands still from frame {v.frame} to {v.end - 1}"
+    if v.looks:
+        before, after = (look.split() for look in v.looks)
+        was, now = (" ".join(w for w in look if w not in other) for look, other in ((before, after), (after, before)))
+        what = f"was {was}, is {now}; {what}"
+    return f"frame {v.frame}: {v.law}, {which} ({what}, {percent(v.probability)})"

@@ -16,7 +16,7 @@ from nsdr.symbolic.traces import percent
 from nsdr.tracking.tracker import track
 from nsdr.types import LAWS, Judgement, VideoTracks, Violation
 from nsdr.validation import convert
-from nsdr.visualize.event_words import violation_text
+from nsdr.visualize.event_words import OF_ALL, violation_text
 from nsdr.visualize.html_parts import notes_html, thumbnail, write_page
 from nsdr.visualize.timeline import LANE_HEIGHT, TIMELINE_STYLE, frame_x, lanes_html, seek_script
 
@@ -164,6 +164,6 @@ def _frames_of(v: Violation, n_frames: int) -> list[int]:
 
 
 def _picture(frames: NDArray[np.uint8], frame: int, tracks: VideoTracks, v: Violation) -> str:
-    boxed = () if v.law == "arrow" else v.objects
+    boxed = () if v.law in OF_ALL else v.objects
     source = thumbnail(frames[frame], frame, tracks, boxed, PICTURE_WIDTH_PX)
     return f"<div><img alt='frame {frame}' src='{source}'><b>frame {frame}</b></div>"

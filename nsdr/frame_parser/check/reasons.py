@@ -173,8 +173,9 @@ def camera_motion(frames: NDArray[np.uint8]) -> float:
     """How far the image moves from its usual place: median over frames (pixels of 480x320).
 
     Each frame's difference from the median over time is fitted by a shift and a zoom of the median and a change of its
-    exposure, on the cells that fit best. A frame's motion counts as far as it explains the difference: objects and their
-    shadows make differences that no motion of the image explains.
+    exposure, on the cells that fit best. The fit is sought from a camera that stands still, and from the motion that explains
+    all cells best: from the latter alone, an object that moves may be taken for the ground. A frame's motion counts as far as
+    it explains the difference: objects and their shadows make differences that no motion of the image explains.
 
     Args:
         frames: (F, height, width, 3) uint8.
@@ -189,13 +190,21 @@ def camera_motion(frames: NDArray[np.uint8]) -> float:
     reach = np.array([1.0, 1.0, float(np.mean(x * x + y * y))])
     distances = []
     for difference in (images - base).reshape(len(images), -1):
-        everywhere = np.linalg.lstsq(motion_and_exposure, difference)[0]
-        found, ground = fit_cells(motion_and_exposure, difference, everywhere)
-        left = difference - motion_and_exposure @ found
+        starts = np.zeros(len(ways)), np.linalg.lstsq(motion_and_exposure, difference)[0]
+        fits = (fit_cells(motion_and_exposure, difference, start) for start in starts)
+        left, found, ground = min(
+            ((_squares(difference - motion_and_exposure @ found, ground), found, ground) for found, ground in fits),
+            key=lambda fit: fit[0],
+        )
         without = difference[ground] - exposure[ground] @ np.linalg.lstsq(exposure[ground], difference[ground])[0]
-        explained = max(1 - np.square(left[ground]).sum() / (np.square(without).sum() + TINY), 0.0)
+        explained = max(1 - left / (np.square(without).sum() + TINY), 0.0)
         distances.append(explained * np.sqrt(reach @ np.square(found[:3])))
     return CELL_PX * float(np.median(distances))
+
+
+def _squares(values: FloatArray, ground: NDArray[np.intp]) -> float:
+    """Sum of the squares of the cells (N,) that are taken as ground."""
+    return float(np.square(values[ground]).sum())
 
 
 def edge_width_px(frames: NDArray[np.uint8]) -> float:

@@ -33,11 +33,13 @@ AMOUNTS = {
     "reaction": (1.9, 1.3, 0.9),
     "distance": (0.4, 0.2, 0.08),
     "arrow": (2, 1, 0),
+    "standstill": (15, 8, 5),
 }
 """By law, for `SIZES`: frames that an object is missing; frames that it has other words (all three, or its colour); how far it
 jumps (world units); change of its velocity (world units/s); further deceleration (world units/s²); least distance of centres
 while one object passes through another (world units, at most); restitution, but in half of the clear ones one of the two does
-not react at all; gap at which two objects repel (world units); collisions well seen in the video, which is played backwards."""
+not react at all; gap at which two objects repel (world units); collisions well seen in the video, which is played backwards;
+frames that show the same."""
 CALM_FRAMES = 12
 """Frames on both sides of a change in which its objects are fully in view and touch nothing."""
 SLIDING_FRAMES = 40
@@ -379,6 +381,22 @@ def _arrow(world: _World, number: float, size: int) -> Change | None:
     return replace(scene, motion=motion, counterfactual={}), found
 
 
+def _standstill(world: _World, frames: float, _: int) -> Change | None:
+    """The same picture for some frames while an object should move."""
+    scene, total = world.scene, world.scene.motion.location_world.shape[1]
+    more = int(frames) - 1
+    for _i, f in world.moments(CALM_FRAMES, MOVING_SPEED):
+        if f + more + CALM_FRAMES >= scene.n_frames:
+            continue
+        shown = np.concatenate([np.arange(f), np.full(more, f), np.arange(f, total - more)])
+        states: dict[str, Any] = {name: getattr(scene.motion, name)[:, shown] for name in _STATES}
+        contacts = [replace(c, frame=c.frame + more * (c.frame > f)) for c in scene.motion.contacts]
+        motion = BulletMotion(**states, contacts=tuple(c for c in contacts if c.frame < total))
+        found = world.violation("standstill", [o.id for o in scene.objects], f, f + int(frames), frames, "frames")
+        return replace(scene, motion=motion, counterfactual={}), found
+    return None
+
+
 _BREAK: dict[str, Callable[[_World, float, int], Change | None]] = {
     "permanence": _permanence,
     "identity": _identity,
@@ -389,4 +407,5 @@ _BREAK: dict[str, Callable[[_World, float, int], Change | None]] = {
     "reaction": _reaction,
     "distance": _distance,
     "arrow": _arrow,
+    "standstill": _standstill,
 }
