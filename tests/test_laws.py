@@ -265,6 +265,7 @@ def test_frames_shown_again_are_noticed_where_the_rate_says_nothing(pair_of_prop
     found = judge(converted(pair_of_proposals[0], original))
     assert not found.violations
     assert "shown again" in found.notes[0]
+    assert "8.33 frames a second are few" in found.notes[1]
     assert not judge(pair_of_proposals[0]).notes
 
 
