@@ -205,7 +205,7 @@ class _Steps:
         before, after = self._velocities(taken)
         best, most = (0, 0, 0.0), MIN_STILL_NATS
         for a in range(1, len(taken) - 1):
-            moves = np.isfinite(before[:, a]).all(1)
+            moves = np.asarray(np.isfinite(before[:, a]).all(axis=1))
             since, moved = taken - taken[a], self.location - self.location[:, a : a + 1]
             stays = np.cumsum(_nats(moved[:, a:], STEP_NOISE_WORLD))
             ends = np.flatnonzero(since >= MIN_STILL_FRAMES - ROUNDING)

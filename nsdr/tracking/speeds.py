@@ -8,12 +8,12 @@ from nsdr.world.physics_constants import FRAME_SECONDS, START_SPEED_RANGE_WORLD_
 FIRST_FRAMES, BORDER_FRAMES = 4, 2
 """A first speed is measured over so many detections, from so many detections after the first one on."""
 MAX_FIRST_SPEED = 0.11
-"""First speeds are at most this (world units per frame). In 145 scenes of `train`, every 60th from scene 5 on, the fastest first
-speed is 0.102; with every second frame left out it is above 0.119 in 95 %, with two of three or more in all above 0.110."""
+"""First speeds are at most this (world units per frame). In 145 scenes of `train`, every 60th from scene 5 on, the fastest is
+0.102; with every second frame left out it is above 0.119 in 95 % of them, with two of three or more in all above 0.110."""
 
 
 def speed_notes(tracks: VideoTracks) -> tuple[str, ...]:
-    """What is wrong with the first speeds of a video's objects, if anything is: missing frames and wrong frame rates show there."""
+    """What is wrong with the first speeds of a video's objects, if anything is: missing frames and wrong rates show there."""
     fastest = max((_first_speed(t) for t in tracks.tracks), default=0.0)
     if fastest <= MAX_FIRST_SPEED:
         return ()
