@@ -28,7 +28,7 @@ from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor
 from nsdr.symbolic.program import ProgramSource
 from nsdr.tracking.localization import size_notes
-from nsdr.tracking.speeds import speed_notes
+from nsdr.tracking.speeds import UNFIT_SPEED, fastest_start, speed_notes
 from nsdr.tracking.tracker import TrackerConfig, existence, track
 from nsdr.types import Answer, DynamicsPrediction, Event, Judgement, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
@@ -227,9 +227,8 @@ class Pipeline:
                 )
                 hint = short if tracks.n_frames <= least else "is it a CLEVRER clip?"
                 raise VideoError(f"{what}: no objects found in more than {least} frames; {hint}")
-            too_fast = () if video is None or self.video.check == "off" else speed_notes(tracks)
-            if too_fast and self.video.check == "refuse":
-                raise VideoError(f"{video}: {too_fast[0]}. --force goes on all the same")
+            if video is not None and self.video.check == "refuse" and fastest_start(tracks) > UNFIT_SPEED:
+                raise VideoError(f"{video}: {speed_notes(tracks)[0]}. --force goes on all the same")
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
             more: list[Any] = [] if observed is None else [observed]
             if getattr(self.dynamics, "reads_images", False):
