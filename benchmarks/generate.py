@@ -15,7 +15,7 @@ from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
 from nsdr.generate.scene_files import solids_at, truth_document
 from nsdr.generate.statistics import count_scenes, write_statistics
-from nsdr.io.jobs import run_tasks
+from nsdr.io.tasks import run_tasks
 from nsdr.world.camera import Camera
 
 FIRST_SEED = 510000

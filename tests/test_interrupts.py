@@ -17,7 +17,7 @@ SLOW = """
 import sys, time
 from pathlib import Path
 from nsdr.cli import ask, main as cli
-from nsdr.io.jobs import run_tasks
+from nsdr.io.tasks import run_tasks
 
 def nap(folder):
     (Path(folder) / f"worker_{__import__('os').getpid()}").touch()

@@ -14,7 +14,7 @@ import pytest
 
 from nsdr import CheckpointError, DataError, MachineError
 from nsdr.io import jobs
-from nsdr.io.jobs import run_tasks
+from nsdr.io.tasks import run_tasks
 
 
 def double(number: int) -> int:
@@ -141,7 +141,7 @@ def test_the_first_error_of_the_machine_ends_the_work(error, workers) -> None:
 
 def test_programs_need_no_guard(tmp_path) -> None:
     program = tmp_path / "unguarded.py"
-    program.write_text("from nsdr.io.jobs import run_tasks\nprint(len(list(run_tasks(abs, range(2), workers=2))))\n")
+    program.write_text("from nsdr.io.tasks import run_tasks\nprint(len(list(run_tasks(abs, range(2), workers=2))))\n")
     done = subprocess.run([sys.executable, program], capture_output=True, text=True, timeout=60)
     assert (done.stdout, done.stderr) == ("2\n", "")
 

@@ -11,9 +11,10 @@ from jsonargparse.typing import NonNegativeFloat, NonNegativeInt
 from nsdr.errors import DataError
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import check_output
-from nsdr.io.jobs import ENGINES, FAILURES
+from nsdr.io.jobs import FAILURES
 from nsdr.io.notes import unsaid
 from nsdr.io.reading import read_json
+from nsdr.io.tasks import ENGINES
 
 Config = TypeVar("Config")
 VIDEO = "video file, animated image (GIF, WebP) or folder of frames (PNG, JPEG)"

@@ -22,7 +22,7 @@ from nsdr.generate.scene_files import truth_document
 from nsdr.generate.statistics import write_question_statistics
 from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import check_output, check_output_folder, find_files, write_json
-from nsdr.io.jobs import ENGINES, run_in_order
+from nsdr.io.tasks import ENGINES, run_in_order
 from nsdr.validation import Count, Settings, one_of
 from nsdr.world.camera import CLEVRER_CAMERA
 

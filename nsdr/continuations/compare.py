@@ -109,7 +109,7 @@ def compare_videos(
         split: the videos that are expected; "" for those of all splits.
         checkpoint: weights.
         settings: of perception; None for the defaults. The camera is the data set's.
-        engine, workers: as of `nsdr.io.jobs.run_tasks`.
+        engine, workers: as of `nsdr.io.tasks.run_tasks`.
         device: where the networks of every process run, as of `Pipeline.from_pretrained`.
 
     Returns:

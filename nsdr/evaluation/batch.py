@@ -42,7 +42,7 @@ def parse_videos(
         output: folder to write; `failures.json` in it names what failed and why.
         checkpoint: weights.
         settings: of perception; None for the defaults.
-        engine, workers: as of `nsdr.io.jobs.run_tasks`.
+        engine, workers: as of `nsdr.io.tasks.run_tasks`.
         device: where the networks of every process run, as of `Pipeline.from_pretrained`.
 
     Raises:

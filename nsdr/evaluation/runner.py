@@ -27,7 +27,8 @@ from nsdr.io import storage
 from nsdr.io.device import resolve_device
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.jobs import ENGINES, Job, read_output, run_jobs
+from nsdr.io.jobs import Job, read_output, run_jobs
+from nsdr.io.tasks import ENGINES
 from nsdr.pipeline import PipelineConfig, pipeline_settings
 from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser

@@ -33,9 +33,10 @@ from nsdr.generate.scene_files import annotation_document, proposal_document, so
 from nsdr.generate.statistics import count_scenes, write_question_statistics, write_statistics
 from nsdr.io.files import check_installed, locked, write_json
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.jobs import ENGINES, Job, run_in_order, run_jobs
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.limits import limits
 from nsdr.io.reading import read_json
+from nsdr.io.tasks import ENGINES, run_in_order
 from nsdr.io.video import spaced, write_video
 from nsdr.validation import Count, Settings, Share, convert, expect, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX

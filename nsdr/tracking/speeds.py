@@ -8,9 +8,9 @@ from nsdr.world.physics_constants import FRAME_SECONDS, START_SPEED_RANGE_WORLD_
 FIRST_FRAMES, BORDER_FRAMES = 4, 2
 """A first speed is measured over so many detections, from so many detections after the first one on."""
 DOUBTFUL_SPEED, UNFIT_SPEED = 0.125, 0.22
-"""A faster first speed is noted, and a much faster one refused (world units per frame). Of the 8,664 scenes of `train` 6 have an
-object that seems to be faster than the first, none than the second; with every second frame left out, 92 % of 1,444 scenes have
-one that is faster than the first."""
+"""A faster first speed is noted, and a much faster one refused (world units per frame). Six of the 8,664 scenes of `train` have
+an object that seems to be faster than the first value, none has one that is faster than the second. With every second frame
+left out, 92 % of 1,444 scenes have one that is faster than the first."""
 
 
 def speed_notes(tracks: VideoTracks) -> tuple[str, ...]:

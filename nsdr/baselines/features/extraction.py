@@ -38,9 +38,10 @@ from nsdr.io.configuration import config_of
 from nsdr.io.device import limit_threads, resolve_device, resolve_precision
 from nsdr.io.files import find_files, locked, write_file, write_json
 from nsdr.io.fingerprint import fingerprint
-from nsdr.io.jobs import ENGINES, Job, run_jobs
+from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.notes import Note, unsaid
 from nsdr.io.reading import read_json
+from nsdr.io.tasks import ENGINES
 from nsdr.io.video import read_frames, spaced
 from nsdr.types import VideoProposals
 from nsdr.validation import Count, PathName, Settings, one_of
