@@ -113,14 +113,14 @@ def test_what_a_baseline_cannot_answer_from_is_refused(data, tmp_path, monkeypat
     untrained("mac_objects", FeatureCache(data / "truth", ["objects"]), tmp_path / "baselines" / "exact")
     (video,), (annotation,) = data.rglob("video_10000.mp4"), data.rglob("annotation_10000.json")
 
-    def refusal(source: Path, system: str, *more: str) -> str:
-        assert main(["answer", str(source), "--system", system, "-q", COUNT.text, "--device", "cpu", *more]) == 2
+    def refusal(source: Path, system: str, *more: str, question: str = COUNT.text) -> str:
+        assert main(["answer", str(source), "--system", system, "-q", question, "--device", "cpu", *more]) == 2
         return capsys.readouterr().err
 
     assert "learnt from pixels: give a video" in refusal(annotation, "small")
     assert "baselines/none" in refusal(video, "none", "--force")
     assert "--trace would do nothing with --system" in refusal(video, "small", "--trace")
     assert "--parser would do nothing: small reads no programs" in refusal(video, "small", "--parser", "http://x")
-    assert "pyramids" in refusal(video, "small", "--force", "-q", "Are there any pyramids?")
+    assert "pyramids" in refusal(video, "small", "--force", question="Are there any pyramids?")
     FrameParser(build_frame_parser(FrameParserConfig(fpn_channels=16))).save_pretrained(data / "parser")
     assert "the weights that are found here: features have detector_fingerprint" in refusal(video, "small", "--force")

@@ -247,12 +247,8 @@ def _truth(folder):
         (["answer", TRUTH, "-q", ""], "the question is empty"),
         (["answer", TRUTH, "-q", "How many zebras enter the scene?"], "unknown word 'zebras'"),
         (["answer", TRUTH, "-q", "What will happen if the cube is removed?"], "give choices with it"),
-        (
-            ["answer", TRUTH, "-q", "How many collisions happen?", "-c", "the presence of the cube"],
-            "ask it without choices",
-        ),
         (["answer", TRUTH, "-q", "How many collisions happen?", "--checkpoint", "nowhere"], "no checkpoint 'nowhere'"),
-        (["execute", "--scene", QUESTIONS, "--program", "objects count"], "not a Scene"),
+        (["execute", "--scene", QUESTIONS, "--program", "objects count"], "no Scene"),
         (["execute", "--scene", TRUTH, "--program", "objects boggle"], "unknown module or word 'boggle'"),
         (["parse-video", VIDEO, "-o", "scene.txt"], "expected a name ending in .json"),
         (["train", "everything"], "expected one of frame-parser, dynamics, collisions, question-parser"),

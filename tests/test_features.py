@@ -122,7 +122,7 @@ def test_a_killed_extraction_goes_on_where_it_stopped(videos, config, tmp_path, 
     read = extraction.frames_of
     looked: list[str] = []
 
-    def killed(video: Path) -> list[np.ndarray]:
+    def killed(video: Path, *note: object) -> list[np.ndarray]:
         looked.append(video.name)
         if len(looked) == 2:
             raise KeyboardInterrupt

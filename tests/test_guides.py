@@ -24,7 +24,7 @@ SHORTER = {
     "nsdr compare-videos": "--keep-going",
     "nsdr train baseline": "--questions ROOT/questions/train.json --validation VALIDATION --plain_steps 0 --loop.steps 2",
 }
-"""What is added to commands that would take long, or whose data are those of another page."""
+"""What is added, in place of the page's own values, to commands that would take long or whose data are of another page."""
 VALUES = {
     "QUESTIONS.json": "VALIDATION",
     "QUESTIONS": "VALIDATION",
@@ -42,7 +42,7 @@ VALUES = {
 PAGES = {
     "scoring.md": {"N": "2"},
     "generate.md": {},
-    "questions.md": {},
+    "questions.md": {"VIDEO": "generated_1.mp4"},
     "export.md": {},
     "judge.md": {},
     "training.md": {"VIDEOS": "ROOT/videos/train", "DIR": "ROOT/derender_proposals"},
@@ -64,7 +64,9 @@ def guided(page: str) -> list[str]:
         if any(part in command for part in LEFT_OUT) or len(command.split()) < 5:
             continue
         command = re.sub(r"\[--(?:device cuda|field value|workers N)\]", "", command)
-        command += "".join(f" {more}" for start, more in SHORTER.items() if command.startswith(start))
+        for more in (more for start, more in SHORTER.items() if command.startswith(start)):
+            given = "|".join(re.findall(r"--[\w.]+ (?!--)", more)) or "$^"
+            command = re.sub(rf"(?:{given})\S+ ?", "", f"{command} ") + more
         for name, value in (PAGES[page] | VALUES).items():
             command = re.sub(rf"(?<![\w-]){re.escape(name)}(?![\w.])", value, command)
         found.append(re.sub(r"[\[\]]", "", command))

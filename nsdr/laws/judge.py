@@ -71,12 +71,17 @@ def judge(
     processed = _checked_frames(proposals)
     tracks = track(proposals, tracker, camera)
     timing = timing_of(tracks, processed, np.zeros(proposals.n_frames) if late is None else late)
-    spacing, notes = float(np.median(np.diff(_checked_frames(timing.proposals(proposals))))), timing.notes
-    if spacing > SAFE_SPACING_FRAMES:
-        few = f"{FPS / spacing:.3g} frames a second are few: about one lawful video in thirty seems to break a law"
-        notes = (*notes, few)
+    spacing = float(np.median(np.diff(_checked_frames(timing.proposals(proposals)))))
     found = judgement_of(tracks, evidence_in_time(tracks, timing, proposals))
-    return replace(found, notes=(*found.notes, *notes))
+    return replace(found, notes=(*found.notes, *timing.notes, *spacing_notes(spacing)))
+
+
+def spacing_notes(spacing_frames: float) -> tuple[str, ...]:
+    """What is doubtful about a judgement of frames that lie far apart, if anything is."""
+    if spacing_frames <= SAFE_SPACING_FRAMES:
+        return ()
+    rate = FPS / spacing_frames
+    return (f"{rate:.3g} frames a second are few: about one lawful video in thirty seems to break a law",)
 
 
 def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement:

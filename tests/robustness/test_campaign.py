@@ -17,7 +17,7 @@ from tests.robustness.layouts import layout_controls
 from tests.robustness.library import library_controls
 from tests.robustness.worker import Worker
 
-SAMPLE, SEED = 150, 16
+SAMPLE, SEED = 160, 16
 CONTROLS = [*control_cases(), *answer_controls(), *data_set_controls(), *layout_controls(), *library_controls()]
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "robustness.md"
 

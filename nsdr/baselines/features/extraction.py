@@ -91,7 +91,7 @@ class FeatureExtraction(_Extraction):
 
     def features_of(self, video: Path) -> dict[str, NDArray[Any]]:
         """The features of a video by kind."""
-        return _extractor(self.features, self.device)(frames_of(video, unsaid))
+        return _extractor(self.features, self.device)(frames_of(video))
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def _extractor(config: FeatureConfig, device: str) -> "FeatureExtractor":
     return FeatureExtractor(config, device)
 
 
-def frames_of(video: str | Path, note: Note) -> list[NDArray[np.uint8]]:
+def frames_of(video: str | Path, note: Note = unsaid) -> list[NDArray[np.uint8]]:
     """All frames (320, 480, 3) of a video; what is unusual about it is noted."""
     return list(read_frames(video, note=note))
 

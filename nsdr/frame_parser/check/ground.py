@@ -75,7 +75,17 @@ def cells(image: NDArray[Any]) -> FloatArray:
 
 
 def over_channels(pick: np.ufunc, images: NDArray[Any]) -> NDArray[Any]:
-    """`pick`, such as `np.maximum`, over the three channels of images (…, 3); NumPy's `max(-1)` takes ten times as long."""
+    """`pick`, such as `np.maximum`, over the three channels of images.
+
+    NumPy's `max(-1)` takes ten times as long.
+
+    Args:
+        pick: a function of two arrays.
+        images: (F, H, W, 3) or another array whose last axis has the channels.
+
+    Returns:
+        (F, H, W), or the same without the last axis.
+    """
     return np.asarray(pick(pick(images[..., 0], images[..., 1]), images[..., 2]))
 
 

@@ -31,7 +31,7 @@ def small_gray(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def change(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
-    """Share of pixels (0-1) that differ between two frames, of which the `small_gray` are given."""
+    """Share of pixels (0-1) that differ between two frames, given as the (H, W) images of `small_gray`."""
     return np.count_nonzero(cv2.absdiff(first, second) > CHANGED) / first.size
 
 
@@ -78,7 +78,7 @@ def first_shot(frames: Iterator[NDArray[np.uint8]], max_frames: int, note: Note)
 
 
 def first_frames(frames: Iterator[NDArray[np.uint8]], max_frames: int, note: Note) -> Iterator[NDArray[np.uint8]]:
-    """The first `max_frames` frames, also those after a cut; that there are more is noted."""
+    """The first `max_frames` frames (H, W, 3), also those after a cut; that there are more is noted."""
     for index, frame in enumerate(frames):
         if index == max_frames:
             note(too_long(max_frames))
