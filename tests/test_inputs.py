@@ -273,8 +273,15 @@ PLAYLIST = "#EXTM3U\n#EXT-X-VERSION:3\n#\x01\n#EXT-X-TARGETDURATION:6\n#EXTINF:5
 
 @pytest.mark.parametrize(
     "text",
-    [PLAYLIST, "ffconcat version 1.0\nfile {other}\n#\x01\n", "\0\0\0\x01" + PLAYLIST, PLAYLIST + "\0" * 9999],
-    ids=["playlist", "script", "raw video", "long"],
+    [
+        PLAYLIST,
+        "ffconcat version 1.0\nfile {other}\n#\x01\n",
+        "\0\0\0\x01" + PLAYLIST,
+        PLAYLIST + "\0" * 9999,
+        PLAYLIST.replace("#EXTM3U\n", "#EXTM3U\nAVI \n"),
+        "v=0\nfree\nc=IN IP4 127.0.0.1\n#\x01\nm=video 5004 RTP/AVP 96\n",
+    ],
+    ids=["playlist", "script", "raw video", "long", "as AVI", "session as MP4"],
 )
 @pytest.mark.parametrize("name", ["v.mp4", "v.m3u8", "v.ffconcat", "v.ts"])
 def test_files_that_name_other_files_are_no_videos(tmp_path, text: str, name: str) -> None:

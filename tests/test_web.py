@@ -190,7 +190,7 @@ def page_of(clips: Any, folder: Path) -> Any:
             super().__init__(message)
             assert options["print_exception"] is False
 
-    page = web._Page(SimpleNamespace(Error=Shown), clips, {}, folder)
+    page = web._Page(SimpleNamespace(Error=Shown), clips, {}, folder, folder / "uploads")
     page.laws = "laws"
     return page, Shown
 
@@ -203,6 +203,16 @@ def test_what_is_not_judged_has_its_reason(small_scene: Scene, tmp_path: Path) -
     assert "Not judged: &lt;i&gt;.mp4: is a text file; expected a video" in next(said)["laws"]
     with pytest.raises(VideoError, match="is a text file"):
         next(said)
+
+
+def test_only_uploads_are_looked_at_as_uploads(small_scene: Scene, tmp_path: Path) -> None:
+    """A request may name any file that Gradio serves, such as another visitor's annotated video."""
+    pipeline: Any = FakePipeline(small_scene)
+    page, _ = page_of(Clips(pipeline, 5), tmp_path)
+    for path in (tmp_path / "videos" / "v.mp4", page.uploads / ".." / "videos" / "v.mp4", VIDEO, None, ""):
+        with pytest.raises(DataError, match="no file was uploaded"):
+            page._upload_of(path and str(path))
+    assert page._upload_of(str(page.uploads / "0a" / "v.mp4")) == page.uploads / "0a" / "v.mp4"
 
 
 def test_messages_name_files_without_their_folders() -> None:
@@ -305,6 +315,8 @@ def test_what_the_page_does_not_send_is_refused(guarded: Any) -> None:
     assert client.post("/api/queue/join", content=b" " * 200_000).status_code == 413
     assert client.post("/api/upload", content=bytes(2 * MEGABYTE), headers={"name": "a"}).status_code == 413
     assert client.post("/api/upload", content=iter([b"a"]), headers={"name": "a"}).status_code == 411
+    both = {"name": "a", "transfer-encoding": "chunked", "content-length": "1"}
+    assert client.post("/api/upload", content=iter([b"a"]), headers=both).status_code == 411
     for path in ("http://evil.example/a", "HTTPS://evil.example"):
         body = json.dumps({"data": [{"meta": {"_type": "gradio.FileData"}, "path": path}]}).replace("p:", "\\u0070:")
         assert client.post("/api/run/predict", content=body).status_code == 403

@@ -251,7 +251,6 @@ def test_slow_work_and_refused_uploads_leave_the_page_free(requests_to: Any, tmp
         assert client.get("").status_code == 200
     with client.stream("GET", "gradio_api/queue/data", params={"session_hash": "visitor0"}) as messages:
         assert any("is a text file" in line for line in messages.iter_lines())
-    assert not Path(kept[0]).exists()
 
 
 def test_examples_bring_their_choices(visit: Callable[[], Any]) -> None:

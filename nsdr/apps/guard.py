@@ -26,7 +26,7 @@ UPLOAD_SECONDS = 300
 RESERVE_SHARE = 0.2
 """Share of the disk of uploads that is left free for the videos that the page shows."""
 MAX_UPLOADS = 100
-"""Uploads that are kept until they are looked at."""
+"""Uploads that are kept at a time."""
 App = Callable[[Any, Any, Any], Awaitable[None]]
 
 
@@ -88,7 +88,7 @@ class Guard:
         if not path.rstrip("/").endswith(POSTS):
             return 404, "the page has no such request"
         length = headers.get("content-length", "")
-        if not length.isdecimal():
+        if not length.isdecimal() or "transfer-encoding" in headers:  # servers then pass over the length
             return 411, "expected a request that gives its length"
         most = self.max_file_bytes + ENVELOPE_BYTES if path.endswith("/upload") else MAX_REQUEST_BYTES
         return (413, f"too large: {int(length):,} bytes, at most {most:,} are taken") if int(length) > most else None

@@ -1,7 +1,7 @@
 """The page to ask on: pick or drop a clip, see what was found, ask, try interventions, and judge. Made with Gradio.
 
 Everything stays on this machine: no analytics, no fonts or scripts from outside (a Content-Security-Policy forbids them), and
-uploads are deleted when they have been looked at. `nsdr.apps.guard` limits what visitors may send.
+uploads are deleted after an hour. `nsdr.apps.guard` limits what visitors may send.
 """
 
 import html
@@ -21,7 +21,7 @@ from weakref import WeakKeyDictionary
 from nsdr.apps import menus
 from nsdr.apps.clips import Clip, Clips
 from nsdr.apps.comparison import write_comparison
-from nsdr.apps.guard import Guard, delete_upload
+from nsdr.apps.guard import Guard
 from nsdr.apps.panels import STYLE, answer_panel, difference_panel, notes_panel
 from nsdr.apps.strangers import MAX_CHOICES_CHARACTERS, MAX_QUESTION_CHARACTERS, check_asked, without_folders
 from nsdr.errors import DataError, NsdrError, VideoError
@@ -35,9 +35,9 @@ log = logging.getLogger(__name__)
 QUEUE = 20
 """Clips and simulations that wait; visitors with further ones are told to come back. Questions do not wait for them."""
 THREADS = 8
-"""Threads for visitors' work: one for clips and simulations, the others for questions. Replies to requests have their own."""
+"""Threads for visitors' work. Clips and simulations take one at a time. Replies to requests have their own."""
 UPLOAD_SECONDS = (60, 3600)
-"""How often uploads are looked through, and the age at which those that nobody asks about are deleted (seconds)."""
+"""How often uploads are looked through, and the age at which they are deleted (seconds)."""
 KEPT_VIDEOS = 30
 """Videos that are kept on the disk, besides those of clips."""
 ERROR_SECONDS = 20
@@ -81,7 +81,7 @@ def serve(
         import gradio as gr
 
         gr.set_static_paths(videos)  # sent as they are, and not copied
-        page = _Page(gr, clips, files, videos).build()
+        page = _Page(gr, clips, files, videos, uploads).build()
         page.queue(max_size=QUEUE, api_open=False)
         megabytes = max_megabytes * 10**6
         guard = {"uploads": uploads, "max_file_bytes": megabytes, "max_bytes": (QUEUE + 1) * megabytes}
@@ -114,8 +114,8 @@ def serve(
 class _Page:
     """The page's components and what they do. A visitor's state is the key of the clip."""
 
-    def __init__(self, gr: Any, clips: Clips, files: Mapping[str, Path], folder: Path) -> None:
-        self.gr, self.clips, self.files, self.folder = gr, clips, files, folder
+    def __init__(self, gr: Any, clips: Clips, files: Mapping[str, Path], folder: Path, uploads: Path) -> None:
+        self.gr, self.clips, self.files, self.folder, self.uploads = gr, clips, files, folder, uploads
         self.shown: WeakKeyDictionary[Clip, tuple[Path, str]] = WeakKeyDictionary()
 
     def build(self) -> Any:
@@ -195,12 +195,7 @@ class _Page:
 
         def uploaded(path: str | None, progress: Any = bar) -> Any:
             with self._told():
-                if not path:
-                    raise DataError("no file was uploaded")
-                try:
-                    yield from self._looked_at(Path(path), progress)
-                finally:
-                    delete_upload(Path(path))
+                yield from self._looked_at(self._upload_of(path), progress)
 
         def simulated(
             key: str, kind: str, name: str, frame: float, a: float, b: float, c: float, d: float, progress: Any = bar
@@ -248,6 +243,12 @@ class _Page:
             yield
         except Exception as e:
             raise self.gr.Error(_reason(e), print_exception=False, duration=ERROR_SECONDS) from e
+
+    def _upload_of(self, path: str | None) -> Path:
+        """A visitor's upload. A request may name another file that Gradio serves, such as another visitor's video."""
+        if not path or not Path(path).resolve().is_relative_to(self.uploads.resolve()):
+            raise DataError("no file was uploaded")
+        return Path(path)
 
     def _looked_at(self, path: Path, progress: Callable[..., Any]) -> Iterator[dict[Any, Any]]:
         """What is found in a clip, and then which laws it breaks; the reason where it is refused."""

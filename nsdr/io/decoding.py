@@ -35,21 +35,23 @@ HEAD_BYTES = 4096
 BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
 """Kinds of the first box of an MP4 or MOV file."""
 SIGNATURES = (
-    *((4, box) for box in BOXES),
-    (0, b"\x1aE\xdf\xa3"),  # Matroska, WebM
-    (8, b"AVI "),
-    (0, b"\0\0\x01\xba"),  # MPEG program stream
-    (0, b"\0\0\x01\xb3"),  # MPEG-1 or -2 video
-    (0, b"OggS"),
-    (0, b"DKIF"),  # IVF
-    (0, b"YUV4MPEG2 "),
-    (0, b"FLV\x01"),
-    (0, b"0&\xb2u\x8ef\xcf\x11"),  # ASF: WMV
+    *(((4, box),) for box in BOXES),
+    ((0, b"\x1aE\xdf\xa3"),),  # Matroska, WebM
+    ((0, b"RIFF"), (8, b"AVI ")),
+    ((0, b"\0\0\x01\xba"),),  # MPEG program stream
+    ((0, b"\0\0\x01\xb3"),),  # MPEG-1 or -2 video
+    ((0, b"OggS"),),
+    ((0, b"DKIF"),),  # IVF
+    ((0, b"YUV4MPEG2 "),),
+    ((0, b"FLV\x01"),),
+    ((0, b"0&\xb2u\x8ef\xcf\x11"),),  # ASF: WMV
 )
-"""Bytes with which the containers begin that are read, and where they stand (bytes from the start).
+"""Signatures of the containers that are read: bytes that must all be there, and where they stand (bytes from the start)."""
+TEXTS = (b"#EXTM3U", b"ffconcat", b"v=0", b"<")
+"""With which playlists, scripts, sessions and manifests begin.
 
-FFmpeg, which OpenCV calls, takes many other files for videos. Among them are playlists and scripts (M3U8, ffconcat), by which
-it opens whatever other file of this machine they name.
+FFmpeg, which OpenCV calls, takes them for videos, and opens whatever other file of this machine they name. They are refused
+even where bytes that follow look like those of a container.
 """
 TRANSPORT_PACKETS = ((0, 188), (4, 192))
 """Places of the first byte "G" and sizes of the packets of MPEG transport streams: .ts and .m2ts."""
@@ -101,7 +103,7 @@ def opened(path: Path, fps: float, note: Note) -> Iterator[OpenedVideo]:
 
 
 def _checked_rate(path: Path, rate: float, note: Note) -> float:
-    """A video's frame rate (1/s); CLEVRER's where it is 0, which is noted."""
+    """A video's frame rate (1/s); CLEVRER's rate if the file says none, with a note."""
     if not rate:
         remedy = "--fps gives the right one (in Python, VideoConfig.fps)"
         note(f"does not say its frame rate; taken as {FPS} per second; {remedy}")
@@ -241,7 +243,9 @@ def check_is_video(path: Path) -> None:
 
 def _is_container(head: bytes) -> bool:
     """Whether these first bytes of a file are those of a container of `SIGNATURES`, or of an MPEG transport stream."""
-    if any(head[at : at + len(mark)] == mark for at, mark in SIGNATURES):
+    if head.startswith(TEXTS):
+        return False
+    if any(all(head.startswith(mark, at) for at, mark in signature) for signature in SIGNATURES):
         return True
     return any(head[at::size][:3] == b"GGG" for at, size in TRANSPORT_PACKETS)
 
