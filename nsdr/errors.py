@@ -29,7 +29,7 @@ class NsdrError(Exception):
     """Base of all errors that `nsdr` raises on purpose; the message names the cause and, where there is one, the remedy."""
 
 
-class MachineError(NsdrError, RuntimeError):
+class MachineError(NsdrError):
     """The machine failed, and not what it was given: no space left, no memory, a lost worker process, a broken device.
 
     Such an error says nothing of an input and is no result: work that notes the errors of single inputs and goes on must let

@@ -118,6 +118,13 @@ def test_a_late_window_shows_what_the_whole_video_does(tmp_path, fps: int) -> No
     assert len(window_frames(tmp_path / "v.mp4", len(whole) - 2, len(whole) + 4)) == 2
 
 
+def test_a_late_window_of_a_folder_of_frames(tmp_path) -> None:
+    frames = np.random.default_rng(0).integers(0, 255, (9, 80, 120, 3), np.uint8)
+    for k, frame in enumerate(frames):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), frame[..., ::-1])
+    np.testing.assert_array_equal(window_frames(tmp_path, 4, 7), frames[4:7])
+
+
 def test_flow_follows_the_surface() -> None:
     camera = Camera()
     angle = 0.1

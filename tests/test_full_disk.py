@@ -1,4 +1,4 @@
-"""Full disks: at every single write of a run, and at any size of a file."""
+"""Full disks: at every single write of a run, and at any size of a file; and too many open files."""
 
 import builtins
 import errno
@@ -18,12 +18,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from safetensors.numpy import save_file
 
 from nsdr import DataError, MachineError, Scene, load, save
+from nsdr.baselines.features.files import MANIFEST, FeatureCache, feature_file
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.cli.main import main
 from nsdr.evaluation import runner
 from nsdr.evaluation.experiments import run_experiment
+from nsdr.frame_parser.dataset import FrameDataset
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.files import atomic_path, locked, write_json
 from nsdr.io.jobs import Job, run_jobs
@@ -255,3 +258,26 @@ def test_the_lock_of_a_full_disk_holds(tmp_path) -> None:
         taken = pool.submit(take)
         with pytest.raises(DataError, match="another process writes to it"):
             taken.result()
+
+
+@contextmanager
+def no_more_files() -> Iterator[None]:
+    """No further file can be opened."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    os.close(lowest := os.open(os.devnull, os.O_RDONLY))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+def test_files_that_the_system_does_not_open_are_not_damaged(tmp_path: Path, tiny_frames: Path) -> None:
+    write_json(tmp_path / MANIFEST, {"features": {}, "shapes": {"pooled": [1, 2]}})
+    save_file({"pooled": np.zeros((1, 2), np.float16)}, feature_file(tmp_path, 3))
+    features = FeatureCache(tmp_path)
+    frames = FrameDataset(tiny_frames, "all")
+    for read in (lambda: features.get(3, {"pooled"}), lambda: frames[0]):
+        with no_more_files(), pytest.raises(MachineError, match="Too many open files"):
+            read()
+        read()

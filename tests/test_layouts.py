@@ -195,6 +195,8 @@ def test_videos_may_be_folders_of_frames(short_video: Path, tmp_path: Path, caps
     folder.mkdir(parents=True)
     for k, image in enumerate(frames):
         cv2.imwrite(str(folder / f"{k:05d}.png"), image[..., ::-1])
+    for place in (root, folder.parent):
+        assert CLEVRER(place).split("validation").video(INDEX) == folder
     out, fast = tmp_path / "scenes", ["--set", "stride=2", "--fps", "25"]
     assert main(["parse-videos", str(root / "videos"), "-o", str(out), "--workers", "1", *fast]) == 0
     assert (out / f"scene_{INDEX}.json").is_file()

@@ -7,20 +7,21 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
 
-from nsdr import DataError, FrameParser, QuestionParser, StatePredictor
+from nsdr import DataError, FrameParser, MachineError, QuestionParser, StatePredictor
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.io.device import CPU_CHECK
 from nsdr.training import dynamics, frame_parser, question_parser
 from nsdr.training.ablation import ALL, parse_sizes
 from nsdr.training.loop import LoopConfig, LossTerm, Task, _accelerator, learning_rate_at, train
-from nsdr.training.run_folder import TrainingState
+from nsdr.training.run_folder import RunFolder, TrainingState
 from nsdr.world.physics_constants import VIDEO_FRAMES
 
 LOOP = ["--loop.batch_size", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
@@ -399,6 +400,20 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path, caplog) -> 
         path.write_bytes(b"")
     with pytest.raises(DataError, match="no checkpoint can be read; delete the folder to start again"):
         train(Line(), config, tmp_path, {})
+
+
+def test_a_checkpoint_is_not_damaged_where_the_machine_fails(tmp_path) -> None:
+    model = torch.nn.Linear(1, 1)
+    state, run = TrainingState(model, torch.optim.SGD(model.parameters())), RunFolder(tmp_path, {})
+    for step in (1, 2):
+        run.save(state, step, {})
+
+    def no_memory(tensors: object) -> None:
+        raise RuntimeError("CUDA out of memory")
+
+    with pytest.raises(MachineError, match=r"step_0000002.*out of memory"):
+        run.restore(SimpleNamespace(load=no_memory))
+    assert run.restore(state)[0] == 2
 
 
 def test_what_a_kill_left_of_checkpoints_is_removed(tmp_path) -> None:

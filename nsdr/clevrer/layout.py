@@ -86,6 +86,8 @@ class DataSetFiles:
                     return path
             if (path := self.root / name).is_file():
                 return path
+            if kind == "videos" and has_images(path.with_suffix("")):
+                return path.with_suffix("")
         return None
 
     def expected(self, kind: str) -> str:

@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 from torchvision.ops import box_convert
 
-from nsdr.errors import DataError
+from nsdr.errors import DataError, machine_error
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import check_limit
 from nsdr.validation import Settings, Share, expect
@@ -143,6 +143,8 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
         with Image.open(path) as header:
             check_limit(header.width * header.height, "image_pixels", str(path))
     except (OSError, Image.DecompressionBombError) as e:
+        if failure := machine_error(e, path):
+            raise failure from e
         raise DataError(f"{path}: no readable image ({e})") from e
     image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     if image is None:

@@ -7,7 +7,7 @@ from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
-from nsdr.errors import CheckpointError, DataError
+from nsdr.errors import CheckpointError, DataError, machine_error
 from nsdr.io.device import resolve_device
 from nsdr.io.files import write_file, write_json
 from nsdr.io.limits import check_limit
@@ -36,7 +36,7 @@ def find_checkpoint(path_or_id: str | Path = "default", group: str = "") -> Path
 
     Args:
         path_or_id: the name or path.
-        group: folder of named checkpoints, below those of the list above, that has the name: "baselines", or "" for none.
+        group: subfolder of each of these places in which a name is looked for, such as "baselines"; "" for the place itself.
 
     Raises:
         CheckpointError: found nowhere; says where it was looked for.
@@ -97,6 +97,7 @@ def load_checkpoint(folder: str | Path, part: str) -> tuple[dict[str, Any], dict
 
     Raises:
         CheckpointError: a file is missing or corrupt; names it.
+        MachineError: the machine fails while a file is read; names it.
     """
     import torch
     from safetensors import SafetensorError
@@ -108,8 +109,11 @@ def load_checkpoint(folder: str | Path, part: str) -> tuple[dict[str, Any], dict
         raise CheckpointError(f"{weights}: no such file; {RESTORE}")
     check_limit(weights.stat().st_size, "weights_bytes", weights, CheckpointError)
     try:
+        weights.open("rb").close()  # safetensors says "no such file" whatever the system's error is
         stored = load_file(weights)
-    except (SafetensorError, OSError, KeyError, ValueError, RuntimeError) as e:
+    except (SafetensorError, OSError, MemoryError, KeyError, ValueError, RuntimeError) as e:
+        if failure := machine_error(e, weights):
+            raise failure from e
         raise CheckpointError(f"{weights}: corrupt ({e}); {RESTORE}") from e
     state = {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
     for name, value in state.items():
@@ -174,6 +178,8 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
         network = build(settings)
         network.load_state_dict(state)
     except (TypeError, ValueError, RuntimeError, ArithmeticError, LookupError) as e:
+        if failure := machine_error(e, where):
+            raise failure from e
         reason = " ".join(str(e).split())[:200]
         raise CheckpointError(f"{where}: not a network of {kind.__name__} ({reason}); restore the files") from e
     return network
@@ -190,6 +196,8 @@ def start_from(network: "nn.Module", folder: str | Path, part: str) -> None:
         _check_formats(network, state)
         network.load_state_dict(state)
     except (TypeError, RuntimeError) as e:
+        if failure := machine_error(e, folder):
+            raise failure from e
         reason = " ".join(str(e).split())[:200]
         raise CheckpointError(f"{folder}: its {part} is of other settings ({reason}); give one of the same") from e
 

@@ -145,13 +145,13 @@ def sample_frames(path: str | Path, seconds: float, spacing: int, fps: float = 0
 def window_frames(path: Path, start: int, stop: int) -> Sequence[NDArray[np.uint8]]:
     """Frames `start` to `stop - 1` of a video at 25 frames a second, (height, width, 3) uint8 RGB, at most 480x320.
 
-    A video of that rate is decoded from the last keyframe before them, one of another rate from its beginning. There are fewer
+    A video file of that rate is decoded from the last keyframe before them, any other video from its beginning. There are fewer
     frames where the video ends before `stop`. Warns of nothing.
 
     Raises:
         VideoError: as of `read_video`.
     """
-    if abs(frame_rate(path) - FPS) > RATE_TOLERANCE:
+    if not path.is_file() or abs(frame_rate(path) - FPS) > RATE_TOLERANCE:
         return list(sample_frames(path, stop / FPS, 1).frames[start:stop])
     return [_scaled(frame, most=1.0) for frame in read_window(path, start, stop)]
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torchvision.models.detection import MaskRCNN_ResNet50_FPN_Weights, maskrcnn_resnet50_fpn
 
-from nsdr.errors import DataError
+from nsdr.errors import DataError, machine_error
 from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
@@ -121,6 +121,8 @@ def load_coco_weights(model: FrameParserNetwork) -> list[str]:
     try:
         trained = maskrcnn_resnet50_fpn(weights=weights, progress=False).state_dict()
     except (URLError, OSError, RuntimeError, ValueError) as e:
+        if failure := machine_error(e, "pretrained"):
+            raise failure from e
         raise DataError(
             f"pretrained: the COCO weights cannot be had from {weights.url} ({str(e)[:MAX_REASON]}); put that file into "
             f"{torch.hub.get_dir()}/checkpoints, or give --pretrained '' to start from random weights"

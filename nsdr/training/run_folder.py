@@ -14,7 +14,7 @@ from safetensors import SafetensorError, torch as safetensors
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
-from nsdr.errors import DataError
+from nsdr.errors import DataError, machine_error
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import check_output_folder, remove_partial_files, sync, write_file, write_json, writing
 from nsdr.io.fingerprint import code_revision
@@ -165,7 +165,7 @@ class RunFolder:
 
         Raises:
             DataError: there are checkpoints, and all are damaged.
-            MachineError: the folder cannot be written.
+            MachineError: the machine fails while a checkpoint is read, or the folder cannot be written.
         """
         checkpoints, step, record = _checkpoints(self.path), 0, {}
         for path in checkpoints:
@@ -178,6 +178,8 @@ class RunFolder:
                 log.info("%s: resumes at step %d", self.path, step)
                 break
             except (SafetensorError, OSError, KeyError, TypeError, RuntimeError, DataError) as e:
+                if failure := machine_error(e, path):
+                    raise failure from e
                 reason = str(e).splitlines()[0]
                 log.warning("%s: damaged (%s); going back to the one before it", path.with_suffix(""), reason)
         if checkpoints and not step:

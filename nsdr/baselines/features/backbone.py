@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torchvision import models
 
-from nsdr.errors import CheckpointError
+from nsdr.errors import CheckpointError, machine_error
 from nsdr.frame_parser.parser import Detector
 
 FRAME_PARSER = "frame_parser"
@@ -56,6 +56,8 @@ class ResnetBackbone:
         try:
             resnet: Any = models.get_model(name, weights="IMAGENET1K_V1")
         except (urllib.error.URLError, OSError, RuntimeError) as e:
+            if failure := machine_error(e, f"weights of {name}"):
+                raise failure from e
             remedy = f"connect to the network, or set backbone to {FRAME_PARSER}"
             raise CheckpointError(f"weights of {name} cannot be downloaded ({e}); {remedy}") from e
         resnet = resnet.eval().to(device, memory_format=torch.channels_last)

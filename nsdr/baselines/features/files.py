@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
 from nsdr.baselines.features.backbone import CHANNELS, FRAME_PARSER, PYRAMID_LEVELS, STRIDE
-from nsdr.errors import DataError
+from nsdr.errors import DataError, MachineError, machine_error
 from nsdr.frame_parser.model import FrameParserConfig
 from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.configuration import config_of
@@ -324,17 +324,21 @@ class FeatureCache:
 
         Raises:
             DataError: the folder lacks the kind or the video, or a file is damaged; names it.
+            MachineError: the system cannot read the file; names it.
         """
         kinds, path = [kind for kind in KINDS if kind in needs], feature_file(self.folder, scene_index)
         self._check_kinds(kinds)
         again = "delete it and run `nsdr extract-features` again"
         try:
+            path.open("rb").close()  # safetensors says "no such file" whatever the system's error is
             with safe_open(path, "np") as file:
                 stored = {kind: file.get_tensor(kind) for kind in kinds}
         except FileNotFoundError as e:
             why = f"run `nsdr extract-features` to its end on a data set with video {scene_index}"
             raise DataError(f"{path}: no such file; {why}") from e
-        except (OSError, SafetensorError) as e:
+        except (OSError, MemoryError) as e:
+            raise machine_error(e, path) or MachineError(f"{path}: cannot be read ({e})") from e
+        except SafetensorError as e:
             raise DataError(f"{path}: damaged ({e}); {again}") from e
         for kind, value in stored.items():
             if value.shape != self._shapes[kind]:
