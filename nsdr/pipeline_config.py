@@ -1,6 +1,7 @@
 """Settings of all stages of perception, and what makes its kept results stale."""
 
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -86,6 +87,9 @@ def pipeline_settings(
         is_file = str(dynamics).endswith((".yaml", ".yml"))
         argv += ["--dynamics" if is_file else "--dynamics.backend", str(dynamics)]
     known = [f.name for f in fields(PipelineConfig)]
+    for key, times in Counter(override.partition("=")[0] for override in overrides).items():
+        if times > 1:
+            raise DataError(f"--set {key} is given {times} times, of which one alone would count; give it once")
     for override in overrides:
         key, separator, value = override.partition("=")
         if not separator:

@@ -236,19 +236,29 @@ def test_a_file_that_cannot_be_opened_is_named(capsys, tmp_path) -> None:
         ["generate", "scene", "-o", "a.json", "--output", "b.json"],
         ["train", "question-parser", "--loop.steps", "1", "--loop.steps=2"],
         ["data", "verify", "x", "--help", "--help"],
+        ["answer", "VIDEO", "-q", "How many cubes are there?", "-qHow many spheres are there?"],
+        ["answer", "VIDEO", "-qHow many cubes are there?", "-qHow many spheres are there?"],
+        ["answer", str(VIDEO), "-q", "How many cubes are there?", "--set", "stride=2", "--set", "stride=3"],
     ],
 )
 def test_an_option_that_counts_once_is_not_taken_twice(arguments: list[str], capsys) -> None:
     assert main(arguments) == 2
-    assert "is given 2 times" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "is given 2 times" in error
+    assert ("--set stride" in error) == ("--set" in arguments)
 
 
-@pytest.mark.parametrize(("option", "value"), [("scene.objects", "{3:1.0}"), ("splits", "{train: 1, test:2}")])
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("scene.objects", "{3:1.0}"), ("splits", "{train: 1, test:2}"), ("scene", "{objects: {3:1.0}}")],
+)
 def test_a_map_whose_colons_lack_spaces_is_refused_with_the_remedy(option, value, tmp_path, capsys) -> None:
-    assert main(["generate", "dataset", "-o", str(tmp_path / "d"), f"--{option}", value]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert f"--{option} {value}: " in line
-    assert "a space after each colon" in line
+    (tmp_path / "c.yaml").write_text(f"{option}: {value}")
+    for given in ([f"--{option}", value], [f"--{option}={value}"], ["--config", str(tmp_path / "c.yaml")]):
+        assert main(["generate", "dataset", "-o", str(tmp_path / "d"), *given]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert str(tmp_path / "c.yaml") in line if "--config" in given else f"--{option} {value}: " in line
+        assert "a space after each colon" in line
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,11 @@
 """Command line and YAML -> one frozen dataclass: defaults, then the file, then the flags; unknown keys are errors."""
 
+import argparse
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
-from functools import cached_property
 from itertools import pairwise
 from types import NoneType
 from typing import Any, TypeVar, get_args
@@ -23,29 +23,20 @@ UNUSABLE = (jsonargparse.ArgumentError, TypeError, ValueError, KeyError, Attribu
 class OptionParser(jsonargparse.ArgumentParser):
     """A parser that refuses an option that is given twice, of which argparse drops the first value without a word."""
 
-    def add_argument(self, *args: Any, **kwargs: Any) -> Any:
-        """As that of argparse; an option with the action "append" or "config" may be repeated."""
-        added = super().add_argument(*args, **kwargs)
-        names = dict.fromkeys(added.option_strings, "/".join(added.option_strings))
-        if isinstance(self, OptionParser):  # jsonargparse also gives this method to its groups
-            (self.repeatable if kwargs.get("action") in ("append", "config") else self.once).update(names)
-        return added
-
-    @cached_property
-    def once(self) -> dict[str, str]:
-        """How an option is shown to users by each of its names, for options that count once."""
-        return {}
-
-    @cached_property
-    def repeatable(self) -> dict[str, str]:
-        """The same of options that may be repeated."""
-        return {}
-
     def check_repeated(self, arguments: Sequence[str]) -> None:
-        """Raises `DataError` where an option that counts once is there twice; names it."""
-        names = (a.partition("=")[0] for a in arguments)
-        given = [n for n in names if n in self.once or (n.startswith("--") and n not in self.repeatable)]
-        for name, times in Counter(self.once.get(n, n) for n in given).items():
+        """Raises `DataError` where an option is there twice that is not to be repeated; names it."""
+        actions = {name: action for action in self._actions for name in action.option_strings}
+        given = []
+        for argument in arguments:
+            name = argument.partition("=")[0]
+            if not name.startswith("--"):
+                name = name[:2]  # the value may follow without a space
+            action = actions.get(name)
+            if isinstance(action, argparse._AppendAction | jsonargparse.ActionConfigFile):
+                continue
+            if action is not None or name.startswith("--"):
+                given.append("/".join(action.option_strings) if action else name)
+        for name, times in Counter(given).items():
             if times > 1:
                 raise DataError(f"{name} is given {times} times, of which one alone would count; give it once")
 
@@ -63,12 +54,14 @@ def parse_config(kind: type[T], argv: Sequence[str] | None, program: str, epilog
         DataError: an unreadable file, an unknown or missing key, or a value of another type or out of its range; names it.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    for name, value in pairwise(arguments):
-        _check_spaces(name, value)
-    files = [value for name, value in pairwise(arguments) if name == "--config"]
-    files += [value.removeprefix("--config=") for value in arguments if value.startswith("--config=")]
+    options = [*pairwise(arguments), *(a.split("=", 1) for a in arguments if a.startswith("--") and "=" in a)]
+    for name, value in options:
+        _check_option(name, value)
+    files = [value for name, value in options if name == "--config"]
     for file in files:
-        _check_sections(kind, read_yaml(file), file)
+        content = read_yaml(file)
+        _check_spaces(content, file)
+        _check_sections(kind, content, file)
     about = (kind.__doc__ or "").splitlines()[0]
     parser = OptionParser(prog=program, description=about, epilog=epilog or None, exit_on_error=False)
     parser.add_argument("--config", action="config", help="a YAML file; flags after it win")
@@ -97,14 +90,20 @@ def config_of(kind: type[T], values: Mapping[str, Any]) -> T:
         raise DataError(" ".join(str(e).split()) or type(e).__name__) from e
 
 
-def _check_spaces(name: str, value: str) -> None:
-    """Refuse `{3:1.0}`, which YAML takes for a key without a value, and such a key for a number to the base of 60."""
+def _check_option(name: str, value: str) -> None:
     import yaml
 
     with suppress(yaml.YAMLError):
-        content = yaml.safe_load(value) if value.startswith("{") else {}
-        if any(v is None and (isinstance(k, float) or ":" in str(k)) for k, v in content.items()):
-            raise DataError(f"{name} {value}: expected a space after each colon, such as {{a: 1}}")
+        if value.startswith("{"):
+            _check_spaces(yaml.safe_load(value), f"{name} {value}")
+
+
+def _check_spaces(content: Any, where: str) -> None:
+    """Refuse `{3:1.0}`, which YAML takes for a key without a value, and such a key for a number to the base of 60."""
+    for key, value in content.items() if isinstance(content, Mapping) else ():
+        if value is None and (isinstance(key, float) or ":" in str(key)):
+            raise DataError(f"{where}: expected a space after each colon, such as {{a: 1}}")
+        _check_spaces(value, where)
 
 
 def _check_sections(kind: Any, content: Any, where: str) -> None:
