@@ -233,6 +233,10 @@ def test_downloaded_zips_are_unpacked(server, tmp_path) -> None:
     assert [p.name for p in folder.parent.iterdir()] == ["annotation_train"]
     assert (folder / "own.txt").read_text() == "kept"
     shutil.rmtree(folder)
+    with zipfile.ZipFile(folder.parent / "annotation_train.zip", "w") as archive:
+        archive.writestr("a" * 300, "")
+    with pytest.raises(DataError, match=r"annotation_train: cannot be written \(File name too long"):
+        download(tmp_path, "train", ["annotations"], server)
     (folder.parent / "annotation_train.zip").write_bytes(b"half")
     with pytest.raises(DataError, match=r"annotation_train\.zip: not a readable zip .*; delete it"):
         download(tmp_path, "train", ["annotations"], base_url=server)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -260,6 +261,15 @@ def test_loop_fits_a_line(tmp_path) -> None:
     assert train(Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
     # A finished run is not repeated: its metrics are read.
     assert train(Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
+
+
+def test_metrics_without_a_value_are_null(tmp_path) -> None:
+    class Unmeasured(Line):
+        def evaluate(self, model):
+            return {"error": float("nan")}
+
+    assert train(Unmeasured(), LoopConfig(steps=1, device="cpu"), tmp_path, {}) == {"cpu_seconds": ANY, "error": None}
+    assert '"error": null' in (tmp_path / "metrics.jsonl").read_text()
 
 
 def test_two_processes_train_one_model_as_one_process_with_twice_the_batch(tiny_motion, tmp_path) -> None:

@@ -7,7 +7,7 @@ imported when it starts.
 from collections.abc import Iterable
 from pathlib import Path
 
-from nsdr.errors import DataError, MachineError, machine_error
+from nsdr.errors import DataError, NsdrError, machine_error
 
 __all__ = ["OFFICIAL_ROOT", "download"]
 
@@ -80,9 +80,11 @@ def _unpack(archive: Path, folder: Path) -> None:
     try:
         with writing(folder), zipfile.ZipFile(archive) as opened:
             opened.extractall(partial)
-    except MachineError:  # a full disk
+    except NsdrError:  # a full disk, or a name that no file can have
         raise
     except Exception as e:  # damaged ones raise many kinds
+        if failure := machine_error(e, archive):
+            raise failure from e
         raise DataError(f"{archive}: not a readable zip ({e}); delete it, and run the command again") from e
     shutil.copytree(partial, folder, copy_function=os.replace, dirs_exist_ok=True)
     shutil.rmtree(partial)

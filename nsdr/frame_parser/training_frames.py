@@ -1,6 +1,5 @@
 """Training frames for the frame parser from videos with mask proposals."""
 
-import json
 import re
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 
 from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.errors import DataError
-from nsdr.io.files import atomic_path, find_files, write_file
+from nsdr.io.files import atomic_path, find_files, json_text, write_file
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import read_frames
@@ -75,7 +74,7 @@ def _write_video_frames(every: int, item: tuple[int, Path, Path], lines: Path) -
         is_shown = (proposals.frame_index == frame) & (proposals.score > MIN_SCORE)
         objects = [_object(proposals, row) for row in np.flatnonzero(is_shown).tolist()]
         rows.append({"file_name": name, "scene": index, "frame": frame, "objects": objects})
-    write_file(lines, "".join(json.dumps(row) + "\n" for row in rows))
+    write_file(lines, "".join(json_text(row, lines) + "\n" for row in rows))
 
 
 def _object(proposals: VideoProposals, row: int) -> dict[str, Any]:

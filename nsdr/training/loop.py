@@ -145,7 +145,7 @@ def learning_rate_at(step: int, config: LoopConfig) -> float:
     return config.learning_rate
 
 
-def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping[str, Any]) -> dict[str, float]:
+def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping[str, Any]) -> dict[str, float | None]:
     """Train `task.model`, resuming the run in `run_dir` if there is one; at the end the model holds the trained weights.
 
     Args:
@@ -155,7 +155,8 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
         resolved: the whole configuration as plain values; a run is resumed only with the configuration it was started with.
 
     Returns:
-        The metrics of the last evaluation: those of the averaged weights, where `config.ema` asks for them.
+        The metrics of the last evaluation: those of the averaged weights, where `config.ema` asks for them. None stands for
+        what is not finite.
 
     Raises:
         FloatingPointError: a loss or a gradient is not finite; the message names the step, and the terms of the loss. The run
@@ -184,7 +185,7 @@ class _Training:
         self.losses, self.optimizer = accelerator.prepare(_Losses(task), optimizer)
         self.average = _average(task.model, config.ema) if config.ema else None
 
-    def run(self) -> dict[str, float]:
+    def run(self) -> dict[str, float | None]:
         """All steps that are left; returns the last metrics."""
         config, folder = self.config, self.folder
         state = TrainingState(self.task.model, self.optimizer, self.average)
@@ -321,8 +322,7 @@ def train_part(
     output: str = config.output or f"{config.run_dir}/checkpoint"
     processes = PartialState()
     if processes.is_main_process:
-        known = {k: v if math.isfinite(v) else None for k, v in metrics.items()}  # JSON has no NaN
-        more = {**(details or {}), "metrics": known, "training": described(config)}
+        more = {**(details or {}), "metrics": metrics, "training": described(config)}
         save_checkpoint(output, part, task.model.state_dict(), model_config, more, half=True)
     processes.wait_for_everyone()
     return output

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import logging
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +17,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from nsdr.errors import DataError, machine_error
 from nsdr.io.configuration import parse_config
-from nsdr.io.files import check_output_folder, remove_partial_files, sync, write_file, write_json, writing
+from nsdr.io.files import check_output_folder, json_text, remove_partial_files, sync, write_file, write_json, writing
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.reading import read_json
 
@@ -187,7 +188,7 @@ class RunFolder:
         if self.writes:
             self._delete_all_but(checkpoints)
             if self._metrics.exists():
-                lines = [json.dumps(line) + "\n" for line in self._lines() if line["step"] <= step]
+                lines = [self._line(line) for line in self._lines() if line["step"] <= step]
                 write_file(self._metrics, "".join(lines))
             self._cpu_before += self._cpu_seconds()
             self._start_events(step)
@@ -202,12 +203,17 @@ class RunFolder:
         if self.writes:
             record = {**record, "cpu_seconds": round(self._cpu_before + time.process_time(), 1)}
             with writing(self._metrics), open(self._metrics, "a") as file:
-                file.write(json.dumps({"step": step, **record}) + "\n")
+                file.write(self._line({"step": step, **record}))
             if self._events is not None:
                 with writing(self.path):
                     for name, value in record.items():
                         self._events.add_scalar(name, value, step)
                     self._events.flush()  # raises what failed in the writer's thread, too
+
+    def _line(self, values: Mapping[str, float | None]) -> str:
+        """A line of `metrics.jsonl`. JSON has no NaN: None stands for what is not finite."""
+        known = {k: v if v is not None and math.isfinite(v) else None for k, v in values.items()}
+        return json_text(known, self._metrics) + "\n"
 
     def _start_events(self, start: int) -> None:
         """Begin a file of events for TensorBoard; those of later steps in earlier files are hidden."""
@@ -219,8 +225,8 @@ class RunFolder:
         with writing(self.path):
             self._events = SummaryWriter(self.path, purge_step=start + 1)
 
-    def metrics(self, step: int) -> dict[str, float] | None:
-        """The metrics that `metrics.jsonl` has for a step; None where it has no line."""
+    def metrics(self, step: int) -> dict[str, float | None] | None:
+        """The metrics that `metrics.jsonl` has for a step, None for those that are not finite; None where it has no line."""
         for line in self._lines():
             if line["step"] == step:
                 return {k: v for k, v in line.items() if k not in LOSSES and not k.startswith("loss/")}
