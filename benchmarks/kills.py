@@ -7,7 +7,6 @@ the same bytes. Prints a Markdown table; exits with 1 if a folder differs or a f
 """
 
 import argparse
-import json
 import os
 import random
 import re
@@ -20,6 +19,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from nsdr.io.ledger import LEDGER, read_ledger
 from nsdr.world.physics_constants import VIDEO_FRAMES
 
 SHORT_FRAMES = 40
@@ -28,7 +28,6 @@ WORKERS = 2
 """Processes of each command that has `--workers`."""
 POLL_S = 0.01
 """Time between two looks at the progress (s)."""
-LEDGER = ".fingerprints.jsonl"
 UNCOMPARED = re.compile(r"events\.out\.tfevents.*|\.fingerprints\.jsonl")
 """Names of files that are logs: one TensorBoard file per start, and a line for every task begun or done."""
 TIMES = re.compile(rb'"(?:cpu_)?seconds": [\d.]+|"date": "[\d-]+"|\bin \d+ s \([\d-]+')
@@ -56,17 +55,11 @@ def finished_tasks(folder: Path) -> dict[str, tuple[int, int]]:
     """Inode and time of the outputs that the ledgers below a folder vouch for, by path."""
     found = {}
     for ledger in folder.rglob(LEDGER):
-        newest = {}
-        for line in ledger.read_text().splitlines():
-            try:
-                output, fingerprint = json.loads(line)
-                newest[output] = fingerprint
-            except ValueError:  # being written
-                continue
-        for output, fingerprint in newest.items():
-            if fingerprint:
-                status = (ledger.parent / output).stat()
-                found[str(ledger.parent / output)] = (status.st_ino, status.st_mtime_ns)
+        for entry in read_ledger(ledger.parent).values():
+            if entry.fingerprint:
+                output = ledger.parent / entry.output
+                status = output.stat()
+                found[str(output)] = (status.st_ino, status.st_mtime_ns)
     return found
 
 

@@ -156,6 +156,8 @@ def test_conversion_resumes_and_follows_its_input(official, tmp_path, monkeypatc
     write_compact_files(root, tmp_path / "motion", workers=1)
     assert [p.stat().st_mtime_ns == then for p, then in zip(kept, before, strict=True)] == [False, True]
     assert read_truth(tmp_path / "motion/truth.json.gz")[0]["collisions"] == []
+    with pytest.raises(DataError, match=r"00000\.npz: was made from .*root.*sim_00000\.json; .* choose another folder"):
+        write_compact_files(official, tmp_path / "motion", workers=1)
 
 
 def test_conversion_errors_name_the_file(official, tmp_path, capsys) -> None:

@@ -129,7 +129,7 @@ def test_jobs_survive_a_full_disk_at_every_write(tmp_path) -> None:
 
 def test_what_a_full_disk_left_of_the_ledgers_last_line_costs_one_job(tmp_path) -> None:
     run_jobs(work, [Job("1", "a", tmp_path / "1", "f")], tmp_path, workers=1)
-    for torn in (b'\n["1", "f', b"\n5\n", b"\n\xff\xfe\n"):
+    for torn in (b'\n["1", "f', b"\n5\n", b"\n\xff\xfe\n", b'\n[["1"], "f"]\n'):
         with (tmp_path / ".fingerprints.jsonl").open("ab") as ledger:
             ledger.write(torn)
         summary = run_jobs(work, [Job(n, "a", tmp_path / n, "f") for n in "12"], tmp_path, workers=1)

@@ -234,6 +234,26 @@ def test_a_gif_of_comments_is_refused_before_they_are_read(tmp_path) -> None:
         read(path)
 
 
+@pytest.mark.parametrize(
+    ("suffix", "place", "start", "block"),
+    [
+        (".gif", b"!", b"", b"!\xfe\0"),
+        (".gif", b"!", b"", b"\0"),
+        (".gif", b"!", b"," + bytes(10), b"\x01\0"),
+        (".png", b"\0\0\0\x08acTL", b"", bytes(4) + b"tEXt" + bytes(4)),
+        (".webp", b"ANIM", b"", b"ABCD" + bytes(4)),
+    ],
+    ids=["empty extensions", "bytes between", "blocks of an image", "PNG", "WebP"],
+)
+def test_blocks_of_animated_images_are_counted(tmp_path, suffix: str, place: bytes, start: bytes, block: bytes) -> None:
+    path = save(tmp_path / f"v{suffix}", [frame(1), frame(2)], 40)
+    whole = path.read_bytes()
+    at = whole.index(place)
+    path.write_bytes(whole[:at] + start + 1_000_001 * block + whole[at:])
+    with pytest.raises(VideoError, match=rf"v\{suffix}: more than 1,000,000 blocks; convert it"):
+        frame_rate(path)
+
+
 def test_files_of_a_video_that_hold_more_than_their_header_says_are_limited(tmp_path, monkeypatch) -> None:
     write_video(tmp_path / "v.mp4", [frame(k) for k in range(N)])
     monkeypatch.setenv("NSDR_LIMITS", "video_pixels=1000000")

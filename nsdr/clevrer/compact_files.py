@@ -53,7 +53,8 @@ def write_compact_files(
         Number of videos.
 
     Raises:
-        DataError: there are no proposals, or a file is broken or without truth; names the first such file.
+        DataError: there are no proposals, a file is broken or without truth, or the folder has the videos of another data set,
+            whose files differ; names the first such file.
     """
     folder, files = Path(output), CLEVRER(root).split(split)
     proposals, annotations = files.entries("proposals"), files.entries("annotations")
@@ -66,7 +67,8 @@ def write_compact_files(
         if truth is None and generated.is_file():
             truth = generated
         value = fingerprint(inputs=[p for p in (path, truth) if p is not None], config=[VERSION])
-        jobs.append(Job(f"video {index}", (index, path, truth), folder / "videos" / f"{index:05d}.npz", value))
+        output_file = folder / "videos" / f"{index:05d}.npz"
+        jobs.append(Job(f"video {index}", (index, path, truth), output_file, value, path))
     with locked(folder):
         summary = run_jobs(_write_video, jobs, folder, engine, workers)
         jobs = summary.succeeded(jobs, output, keep_going)

@@ -1,24 +1,31 @@
 """How long each frame of an animated GIF, WebP or PNG is shown, from the headers of the file's blocks. Nothing is decoded."""
 
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from nsdr.errors import VideoError
-from nsdr.io.limits import check_limit, limits
+from nsdr.io.limits import check_limit
 
 MAX_EXTENSION_BYTES = 1_000_000
 """Comments and other extensions of a GIF (bytes). Pillow copies a comment once for each of its blocks of 255 bytes: one of 2 MB
 costs it 8 GB of copying."""
+MAX_BLOCKS = 1_000_000
+"""Blocks of a GIF, with those of its images and extensions, or chunks of a PNG or WebP. Even empty ones cost time."""
+REMEDY = "convert it, such as by: ffmpeg -i IN OUT.mp4"
+"""What to do about a file with too much of something."""
+Blocks = Iterator[float | None]
+"""For each block how long the frame is shown that it begins (milliseconds); None where it begins none."""
 
 
 def frame_durations_ms(path: Path) -> list[float]:
     """How long each frame is shown (milliseconds, 0 where the file does not say); empty for any other kind of file.
 
     Raises:
-        VideoError: more frames than `Limits.frames`, a header that is cut off, or a GIF with more than `MAX_EXTENSION_BYTES`.
+        VideoError: more frames than `Limits.frames` or blocks than `MAX_BLOCKS`, a header that is cut off, or a GIF with
+            more than `MAX_EXTENSION_BYTES`.
     """
+    durations: list[float] = []
     with path.open("rb") as file:
         head = file.read(12)
         file.seek(0)
@@ -31,39 +38,44 @@ def frame_durations_ms(path: Path) -> list[float]:
         else:
             return []
         try:
-            durations = list(islice(found, limits().frames + 1))
+            for n_blocks, duration in enumerate(found, 1):
+                if n_blocks > MAX_BLOCKS:
+                    raise VideoError(f"{path}: more than {MAX_BLOCKS:,} blocks; {REMEDY}")
+                if duration is not None:
+                    durations.append(duration)
+                    check_limit(len(durations), "frames", path, VideoError)
         except EOFError as e:
             raise VideoError(f"{path}: a damaged image, or cut off") from e
-    check_limit(len(durations), "frames", path, VideoError)
     return durations
 
 
-def _of_gif(file: BinaryIO, path: Path) -> Iterator[float]:
+def _of_gif(file: BinaryIO, path: Path) -> Blocks:
     _skip_colors(file, _exactly(file, 13)[10])
     duration, extension_bytes = 0.0, 0
     while (kind := file.read(1)) not in (b"", b";"):
+        yield None
         if kind == b"!":
             label, first = _exactly(file, 1), file.read(_size(file))
             if label == b"\xf9":  # the graphic control extension, about the next frame
                 duration = 10.0 * int.from_bytes(first[1:3], "little")
-            extension_bytes += len(first) + (_skip_blocks(file) if first else 0)
+            extension_bytes += len(first) + ((yield from _skipped(file)) if first else 0)
             if extension_bytes > MAX_EXTENSION_BYTES:
-                remedy = "convert it, such as by: ffmpeg -i IN OUT.mp4"
                 raise VideoError(
-                    f"{path}: comments and extensions of more than {MAX_EXTENSION_BYTES:,} bytes; {remedy}"
+                    f"{path}: comments and extensions of more than {MAX_EXTENSION_BYTES:,} bytes; {REMEDY}"
                 )
         elif kind == b",":
             _skip_colors(file, _exactly(file, 9)[8])
             _exactly(file, 1)
-            _skip_blocks(file)
+            yield from _skipped(file)
             yield duration
             duration = 0.0
 
 
-def _of_png(file: BinaryIO) -> Iterator[float]:
+def _of_png(file: BinaryIO) -> Blocks:
     file.seek(8)
     started = False
     while header := file.read(8):
+        yield None
         size, kind = int.from_bytes(header[:4]), header[4:]
         if kind == b"fcTL":
             control = _exactly(file, size)
@@ -76,9 +88,10 @@ def _of_png(file: BinaryIO) -> Iterator[float]:
         file.seek(size + 4, 1)  # with the checksum
 
 
-def _of_webp(file: BinaryIO) -> Iterator[float]:
+def _of_webp(file: BinaryIO) -> Blocks:
     file.seek(12)
     while header := file.read(8):
+        yield None
         size = int.from_bytes(header[4:], "little")
         if header[:4] == b"ANMF":
             yield float(int.from_bytes(_exactly(file, 16)[12:15], "little"))
@@ -91,10 +104,11 @@ def _skip_colors(file: BinaryIO, flags: int) -> None:
         _exactly(file, 3 << (flags & 7) + 1)
 
 
-def _skip_blocks(file: BinaryIO) -> int:
-    """Go after the blocks of a GIF's image or extension; their bytes."""
+def _skipped(file: BinaryIO) -> Generator[None, None, int]:
+    """Skip the blocks of an image or extension; returns their size (bytes)."""
     skipped = 0
     while size := _size(file):
+        yield
         file.seek(size, 1)
         skipped += size
     return skipped

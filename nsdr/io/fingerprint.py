@@ -26,8 +26,8 @@ def fingerprint(*, inputs: Iterable[Any] = (), config: Any = None, weights: Iter
 
     Args:
         inputs: what is worked on: a `Path` stands for the content of that file or for that of the files in that folder; bytes,
-            dataclasses (such as `VideoProposals`), arrays, mappings, sequences and plain values for themselves: equal values
-            have one fingerprint.
+            dataclasses (such as `VideoProposals`), arrays, mappings, sequences and plain values for themselves: equal values of
+            one type have one fingerprint.
         config: the resolved configuration with the versions of the stages: a dataclass, or plain values.
         weights: files, or folders with `*.safetensors` and `*.json`.
 

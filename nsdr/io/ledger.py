@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
+import msgspec
+
 from nsdr.io.files import sync, writing
 
 LEDGER = ".fingerprints.jsonl"
@@ -30,7 +32,7 @@ def append_to_ledger(folder: Path, entries: Iterable[Entry]) -> None:
     """Write lines to the disk; what a kill or a full disk left unfinished before them is a line of its own.
 
     Raises:
-        DataError: the ledger cannot be written.
+        MachineError: the ledger cannot be written.
     """
     path = folder / LEDGER
     with writing(path):
@@ -40,12 +42,12 @@ def append_to_ledger(folder: Path, entries: Iterable[Entry]) -> None:
 
 
 def read_ledger(folder: Path) -> dict[str, Entry]:
-    """The newest line of each output, by its path; lines that a kill left unfinished are passed over."""
+    """The newest line of each output, by its path; lines that a kill left unfinished, and other things, are passed over."""
     path, entries = folder / LEDGER, {}
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
         try:
-            entry = Entry(*json.loads(line))
-        except (TypeError, ValueError):
+            entry = Entry(*msgspec.json.decode(line, type=list[str]))
+        except (TypeError, msgspec.DecodeError):
             continue
         entries[entry.output] = entry
     return entries
