@@ -139,7 +139,7 @@ def resumed(setting: Setting, name: str) -> Result:
     """Losses of a run that goes on from the checkpoint in its middle, beside those of the uninterrupted one."""
     folder = setting.work / "resumed" / name.replace(" ", "_")
     part, *options = arguments_of(setting, name, folder, STEPS)
-    run = import_module(PARTS[part]).main
+    run = import_module(f"nsdr.training.{PARTS[part][0]}").main
     run(options)
     expected = losses_in(folder)
     for path in folder.glob(f"step_{STEPS:07d}.*"):

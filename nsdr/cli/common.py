@@ -1,7 +1,7 @@
 """What several commands share: options, the pipeline they ask for, saved scenes, and the line about failures."""
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -66,6 +66,20 @@ def configured(kind: type[Config], arguments: Sequence[str], command: str, more:
     """
     given = ["--output" if a == "-o" else a for a in arguments]
     return parse_config(kind, given, f"nsdr {command}", f"-o is short for --output. {more}".strip())
+
+
+def print_parts(usage: str, parts: Mapping[str, tuple[Any, str]], more: str) -> None:
+    """Print the help of a command with parts.
+
+    Args:
+        usage: its first line.
+        parts: of each part what runs it and what it is, by its name.
+        more: its last line.
+    """
+    width = max(map(len, parts)) + 2
+    print(f"{usage}\n")
+    print("\n".join(f"  {name:<{width}}{summary}" for name, (_, summary) in parts.items()))
+    print(f"\n{more}")
 
 
 def refuse_idle(options: Any, names: Sequence[str], reason: str, about: str = "") -> None:

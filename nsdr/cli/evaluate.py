@@ -46,7 +46,7 @@ def evaluate(options: Any) -> int:
     if report["notes"]:
         scene, (first, *_) = next(iter(report["notes"].items()))
         kept = f"; {options.output} has them all" if options.output else "; -o FILE.json keeps them all"
-        print_notes([f"{len(report['notes'])} scenes have notes, such as scene {scene}: {first}{kept}"])
+        print_notes([f"scenes with notes: {len(report['notes'])}, such as scene {scene}: {first}{kept}"])
     if report["unlabelled"] and not (options.output or options.submission):
         print("nothing was written: --submission or --output names a file for the answers")
     if options.output:

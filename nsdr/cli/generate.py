@@ -11,7 +11,7 @@ from tqdm import tqdm
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import write_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
-from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, configured, left_out
+from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, configured, left_out, print_parts
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.changed import TruthWorlds
@@ -112,25 +112,26 @@ def _worlds(paths: Sequence[str]) -> dict[int, TruthWorlds]:
     return {truth["scene_index"]: TruthWorlds(truth) for truth in truths}
 
 
-COMMANDS = {"dataset": _dataset, "violations": _violations, "scene": _scene, "questions": _questions}
-SUMMARIES = {
-    "dataset": "videos, annotations, proposals and questions in CLEVRER's layout; resumable",
-    "violations": "pairs of videos, one of which breaks a law, with questions; resumable",
-    "scene": "the truth file of one scene",
-    "questions": "balanced questions about scenes whose truth is known",
+COMMANDS = {
+    "dataset": (_dataset, "videos, annotations, proposals and questions in CLEVRER's layout; resumable"),
+    "violations": (_violations, "pairs of videos, one of which breaks a law, with questions; resumable"),
+    "scene": (_scene, "the truth file of one scene"),
+    "questions": (_questions, "balanced questions about scenes whose truth is known"),
 }
+"""What each command runs, and what it writes."""
 
 
 def generate(arguments: list[str]) -> int:
     """Run one of `COMMANDS` with its arguments, and print what was written."""
     command, *rest = arguments or ["nothing"]
     if command in HELP:
-        print("nsdr generate WHAT [--config FILE.yaml] -o OUTPUT [--field value] …\n")
-        print("\n".join(f"  {name:<12}{summary}" for name, summary in SUMMARIES.items()))
-        print(f"\nnsdr generate WHAT --help shows the fields. For dataset and violations, {KEEP_GOING_HELP}")
+        usage = "nsdr generate WHAT [--config FILE.yaml] -o OUTPUT [--field value] …"
+        more = f"nsdr generate WHAT --help shows the fields. For dataset and violations, {KEEP_GOING_HELP}"
+        print_parts(usage, COMMANDS, more)
         return 0
     if command not in COMMANDS:
         raise DataError(f"nsdr generate: expected one of {', '.join(COMMANDS)}, got {command!r}")
-    written = COMMANDS[command](rest)
+    run, _ = COMMANDS[command]
+    written = run(rest)
     print(written)
     return left_out(written)

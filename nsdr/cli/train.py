@@ -5,39 +5,32 @@ import logging
 import re
 from importlib import import_module
 
-from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, configured, left_out
+from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, configured, left_out, print_parts
 from nsdr.errors import DataError
 
 PARTS = {
-    name: f"nsdr.training.{name.replace('-', '_')}"
-    for name in ("frame-parser", "dynamics", "collisions", "question-parser", "average")
-} | {"baseline": "nsdr.training.baselines"}
-"""Module with the `main(argv)` of each part, and of the mean of several runs."""
-
-
-SUMMARIES = {
-    "frame-parser": "the detector of objects in frames",
-    "dynamics": "the paper's network for motion",
-    "collisions": "the network that finds collisions in tracks",
-    "question-parser": "the networks from texts to programs",
-    "average": "the mean of the weights of several runs",
-    "baseline": "a system that answers without programs or without scenes",
+    "frame-parser": ("frame_parser", "the detector of objects in frames"),
+    "dynamics": ("dynamics", "the paper's network for motion"),
+    "collisions": ("collisions", "the network that finds collisions in tracks"),
+    "question-parser": ("question_parser", "the networks from texts to programs"),
+    "average": ("average", "the mean of the weights of several runs"),
+    "baseline": ("baselines", "a system that answers without programs or without scenes"),
 }
+"""Of each part the module of `nsdr.training` with its `main(argv)`, and what it is."""
 
 
 def train(arguments: list[str]) -> int:
     """Train a part from its command-line arguments; `--device` stands for `--loop.device`."""
-    if arguments[:1] in ([name] for name in HELP):
-        print("nsdr train PART [--config configs/….yaml] [--field value] … [--device auto|cpu|cuda|cuda:N]\n")
-        print("\n".join(f"  {name:<18}{summary}" for name, summary in SUMMARIES.items()))
-        print("\nnsdr train PART --help shows the fields; --device is short for --loop.device.")
+    part, *rest = arguments or ["nothing"]
+    if part in HELP:
+        usage = "nsdr train PART [--config configs/….yaml] [--field value] … [--device auto|cpu|cuda|cuda:N]"
+        print_parts(usage, PARTS, "nsdr train PART --help shows the fields; --device is short for --loop.device.")
         return 0
-    if not arguments or arguments[0] not in PARTS:
-        found = arguments[0] if arguments else "nothing"
-        raise DataError(f"nsdr train: expected one of {', '.join(PARTS)}, got {found!r}")
+    if part not in PARTS:
+        raise DataError(f"nsdr train: expected one of {', '.join(PARTS)}, got {part!r}")
     logging.getLogger("nsdr").setLevel(logging.INFO)
-    options = [re.sub(r"^--device(?==|$)", "--loop.device", argument) for argument in arguments[1:]]
-    print(import_module(PARTS[arguments[0]]).main(options))
+    options = [re.sub(r"^--device(?==|$)", "--loop.device", argument) for argument in rest]
+    print(import_module(f"nsdr.training.{PARTS[part][0]}").main(options))
     return 0
 
 

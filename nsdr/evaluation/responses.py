@@ -137,7 +137,7 @@ def format_report(report: Mapping[str, Any], references: bool = True) -> str:
         lines.append(f"{len(unread)} responses cannot be read and count as wrong: {counts}")
         lines += [f"  {u['id']}: {u['problem']}: {u['response'][:60]!r}" for u in unread[:LISTED]]
     if failed := responses["failed_options"]:
-        lines.append(f"{len(failed)} options have the answer {ERROR!r} and count as wrong ({_listed(failed)})")
+        lines.append(f"options with the answer {ERROR!r}, which counts as wrong: {len(failed)} ({_listed(failed)})")
     return "\n".join(lines)
 
 

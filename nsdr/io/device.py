@@ -62,7 +62,7 @@ def resolve_precision(precision: str, device: Any) -> Any:
 
 @contextmanager
 def exact_convolutions() -> Iterator[None]:
-    """Within it, convolutions on CUDA are computed in float32, not in TF32, which has 10 bits of a number. Also a decorator."""
+    """Within it, convolutions on CUDA are computed in float32, not in TF32, whose significand has 10 bits. Also a decorator."""
     import torch
 
     before = torch.backends.cudnn.allow_tf32
@@ -101,8 +101,9 @@ def passive_environment() -> dict[str, str]:
 
 @contextmanager
 def passive_threads() -> Iterator[None]:
-    """Within it, torch is loaded with `passive_environment`, which ends with it: a user's other programs are not concerned.
+    """Set the variables of `passive_environment` while torch is loaded within this context.
 
+    Afterwards they are removed, so that other programs of the user do not inherit them.
     Runtimes read these variables once, when they are loaded: without effect after `import torch`.
     """
     added = {} if "torch" in sys.modules else passive_environment()

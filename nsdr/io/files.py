@@ -140,7 +140,7 @@ def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
     """Write `value` as JSON, atomically.
 
     Raises:
-        DataError: as `atomic_path`, or the value holds NaN or an infinite number, which JSON has not and no reader takes.
+        DataError: as `atomic_path`, or the value holds NaN or an infinite number, which JSON lacks and `read_json` refuses.
     """
     write_file(path, json_text(value, path, indent) + "\n")
 

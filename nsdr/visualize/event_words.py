@@ -29,7 +29,7 @@ def change_text(simulation: Simulation, change: EventChange) -> str:
 
 AMOUNTS = {
     "permanence": "missing for {:.0f} frames",
-    "identity": "{:.0f} attributes differ",
+    "identity": "attributes that differ: {:.0f}",
     "continuity": "a jump of {:.2f} world units",
     "inertia": "a change of velocity of {:.2f} world units/s",
     "friction": "a deceleration that differs by {:+.2f} world units/s²",
@@ -45,7 +45,7 @@ OF_ALL = ("arrow", "standstill")
 
 
 def violation_text(violation: Violation, objects: Sequence[SceneObject]) -> str:
-    """For example "frame 43: identity, the red metal cube (was brown, is red; 1 attributes differ, 98 %)"."""
+    """For example "frame 43: identity, the red metal cube (was brown, is red; attributes that differ: 1, 98 %)"."""
     v, what = violation, AMOUNTS[violation.law].format(violation.amount)
     which = "all objects" if v.law in OF_ALL else " and ".join(f"the {objects[i].name}" for i in v.objects)
     if v.law == "standstill":
