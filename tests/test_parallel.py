@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from nsdr import CheckpointError, DataError, MachineError
-from nsdr.io import jobs
+from nsdr.io import tasks
 from nsdr.io.tasks import run_tasks
 
 
@@ -148,7 +148,7 @@ def test_programs_need_no_guard(tmp_path) -> None:
 
 @pytest.mark.parametrize(("own", "expected"), [(None, "4"), ("2", "2"), ("64", "4")])
 def test_workers_share_the_cores(monkeypatch, own, expected) -> None:
-    monkeypatch.setattr(jobs, "available_cores", lambda: 9)
+    monkeypatch.setattr(tasks, "available_cores", lambda: 9)
     if own is None:
         monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     else:
