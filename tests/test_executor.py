@@ -383,3 +383,52 @@ def test_the_shortest_chain_of_causes_is_found_among_very_many() -> None:
     causes = direct_causes(events)
     assert all(events.index(a) in causes[events.index(b)] for a, b in pairwise(path))
     assert causal_path(events, lambda e: False, events[-1]) is None
+
+
+@pytest.mark.parametrize(
+    ("program", "answer", "correct", "wrong", "unreadable"),
+    [
+        (
+            f"events {BLUE} filter_collision first filter_order get_frame",
+            "frame 20",
+            ["frame 20", "B. 20", "At frame 20."],
+            ["frame 3", "(C) 30", "none of the above"],
+            ["soon", "frame 20 or 30"],
+        ),
+        ("events objects cube filter_shape filter_out", "none", ["none", "A. None."], ["Not sure"], ["the cube exits"]),
+        (
+            f"{RED_CUBE} query_name",
+            "red metal cube",
+            ["The red metal cube", "It is the red metal cube."],
+            ["the blue rubber sphere"],
+            ["the red cube", "the red metal cube or the blue rubber sphere"],
+        ),
+        (
+            "objects cube filter_shape count",
+            "1",
+            ["1 cube", "There is one cube."],
+            ["2", "I can't tell"],
+            ["none", "-1"],
+        ),
+        (
+            f"{RED_CUBE} query_shape",
+            "cube",
+            ["The red cube", "a block"],
+            ["B. The red ball"],
+            ["red", "a cube or a ball"],
+        ),
+        ("objects red filter_color exist", "yes", ["Yes, 2 red ones."], ["No."], ["There is a red cube", "1", "red"]),
+        (f"{RED_CUBE} query_color", "red", ["The cube is red."], ["A blue cube"], ["the cube", "red or blue", "3"]),
+    ],
+)
+def test_candidates_are_read_by_what_is_asked_for(
+    executor: Executor, program: str, answer: str, correct: list[str], wrong: list[str], unreadable: list[str]
+) -> None:
+    found = executor.answer(program, candidates=[*correct, *wrong, *unreadable])
+    assert found.answer == answer
+    expected = ["correct"] * len(correct) + ["wrong"] * len(wrong) + [None] * len(unreadable)
+    assert {c.choice: c.answer for c in found.choices} == {
+        c.choice: word for c, word in zip(found.choices, expected, strict=True)
+    }
+    assert [bool(c.error) for c in found.choices] == [word is None for word in expected]
+    assert bool(executor.answer(program, candidates=unreadable).notes)

@@ -36,7 +36,7 @@ from nsdr.question_parser.grammar import GrammarParser, extension_readings
 from nsdr.rewards import exact
 from nsdr.symbolic import format_trace
 from nsdr.tracking.tracker import tracks_from_annotation
-from nsdr.types import ObjectPhysics
+from nsdr.types import ObjectPhysics, UncertainCollision
 from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import LOG_MASS_STD
 
@@ -531,7 +531,25 @@ def test_directions_in_the_image_are_sure_away_from_the_axes(
 def test_what_never_moves_is_stationary(known: Scene) -> None:
     scene = replace(known, motion_px=np.ones((4, 2)), moving=np.zeros_like(known.moving))
     found = Executor(scene).answer(f"{RED} query_image_direction", candidates=["A. The object is stationary.", "B. Up"])
-    assert (found.answer, [c.answer for c in found.choices]) == ("stationary", ["correct", "wrong"])
+    assert (found.answer, [c.answer for c in found.choices]) == ("stationary", ["correct", None])
+
+
+@pytest.mark.parametrize("candidate", ["The ball is stationary.", "It is not moving", "The object doesn't move."])
+def test_what_stands_still_may_be_said_in_other_words(known: Scene, candidate: str) -> None:
+    scene = replace(known, motion_px=np.ones((4, 2)), moving=np.zeros_like(known.moving))
+    found = Executor(scene).answer(f"{RED} query_image_direction", candidates=[candidate, "Up and to the left", "Up"])
+    assert [c.answer for c in found.choices] == ["correct", "wrong", None]
+    assert read_response(candidate).answer == "stationary"
+
+
+def test_the_probability_of_a_direction_is_of_the_world_that_was_supposed(known: Scene) -> None:
+    """The last object to hit the blue sphere is known only where an uncertain collision happens."""
+    hit = Event("collision", 60, (0, 3))
+    scene = replace(known, motion_px=np.array([(-80.0, -40.0)] * 4), uncertain=(UncertainCollision(hit, 0.4),))
+    partner = "events objects cube filter_shape filter_collision second filter_order objects cube filter_shape unique"
+    found = Executor(scene).answer(f"{partner} get_col_partner query_image_direction")
+    assert found.answer == "up and to the left"
+    assert (found.probability or 0) > 0.99
 
 
 def test_motion_in_the_image_is_from_the_first_to_the_last_visible_frame() -> None:

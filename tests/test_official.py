@@ -202,6 +202,11 @@ def test_semantics_and_scene_must_fit(document: dict[str, Any], small_scene: Sce
         executor_of(document, "guessed")
 
 
+def test_candidates_are_refused(document: dict[str, Any]) -> None:
+    with pytest.raises(ExecutionError, match="candidates"):
+        executor_of(document).answer("objects count", candidates=["3"])
+
+
 def test_collisions_from_velocities() -> None:
     # 0 moves to the right and stops at frame 20 next to 1, which is at rest; 2 is far away.
     stopping = {t: (50.0, 10.0 + min(t, 20)) for t in range(0, 50, 5)}

@@ -7,7 +7,7 @@ from functools import cached_property
 from string import ascii_uppercase
 from typing import Any, TypeVar
 
-from nsdr.clevrer.answers.answer_forms import read_candidate
+from nsdr.clevrer.answers.answer_forms import UnreadableError, read_candidate
 from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.io.notes import distinct
@@ -101,16 +101,20 @@ class Executor:
             program: the question's program.
             question: its text.
             candidates: texts of which one may say the answer, such as "3" or "B. The object is stationary."; each becomes a
-                choice, "correct" if it says the answer. A note says so if none does.
+                choice, "correct" if it says the answer. One that says no answer that can be read has an `error` in place of
+                an answer. A note says so if none says the answer.
 
         Returns:
             The answer (yes, no, a number, an attribute word, a frame, or a list of events) with its trace.
 
         Raises:
             ProgramError: the program is not well-formed, or does not give an answer.
-            ExecutionError: it does not fit the scene; says what was asked for and what the scene has.
+            ExecutionError: it does not fit the scene; says what was asked for and what the scene has. Or candidates are given
+                with the official semantics, which has none.
         """
         if self._official is not None:
+            if candidates:
+                raise ExecutionError("the official semantics takes no candidates; leave them out, or use 'paper'")
             return self._official.answer(program, question)
         parsed = _complete(Program.parse(program))
         if parsed.result not in SAID_KINDS:
@@ -121,12 +125,13 @@ class Executor:
         trace = self._trace(parsed.steps, values)
         is_list = parsed.result == Kind.EVENTS
         text = "\n".join(self.world.sentences(values[-1])) or "none" if is_list else trace[-1].text
-        choices = tuple(self._candidate(parsed, text, candidate) for candidate in candidates)
-        notes = [*self.scene.notes, *parsed.notes]
-        if candidates and all(c.answer == "wrong" for c in choices):
-            notes.append(f"none of the candidates says the answer, {text!r}")
         probability = self._probability(parsed, self._said(parsed.result, values[-1]))
-        return Answer(question, parsed.tokens, text, trace, choices, probability, distinct(notes))
+        answer = Answer(question, parsed.tokens, text, trace, (), probability, distinct(self.scene.notes, parsed.notes))
+        choices = tuple(self._candidate(parsed, answer, candidate) for candidate in candidates)
+        if not candidates or any(c.answer == "correct" for c in choices):
+            return replace(answer, choices=choices)
+        note = f"none of the candidates says the answer, {text!r}"
+        return replace(answer, choices=choices, notes=distinct(answer.notes, [note]))
 
     def judge(
         self,
@@ -158,11 +163,16 @@ class Executor:
         notes = distinct(self.scene.notes, parsed.notes, *of_choices)
         return Answer(question, parsed.tokens, None, (), tuple(answers), notes=notes)
 
-    def _candidate(self, program: Program, answer: str, candidate: str) -> ChoiceAnswer:
+    def _candidate(self, program: Program, answer: Answer, candidate: str) -> ChoiceAnswer:
         """Whether a candidate says the answer, and how probable it is that it says the right one."""
-        said = read_candidate(candidate)
+        try:
+            said = read_candidate(candidate, program.result, str(answer.answer))
+        except UnreadableError:
+            return ChoiceAnswer(candidate, None, (), (), "says no answer that can be read")
+        if said == answer.answer:
+            return ChoiceAnswer(candidate, "correct", (), (), probability=answer.probability)
         probability = None if said is None else self._probability(program, said)
-        return ChoiceAnswer(candidate, "correct" if said == answer else "wrong", (), (), probability=probability)
+        return ChoiceAnswer(candidate, "wrong", (), (), probability=probability)
 
     def _judged(
         self, question: Program, choices: Sequence[tuple[str, ProgramSource | NsdrError]]
@@ -263,7 +273,9 @@ class Executor:
         What is uncertain says nothing of speeds and masses.
         """
         if program.tokens[-1] == "query_image_direction":
-            return self.world.quantities.image_directions(self._values(program.steps[:-1])[-1]).get(answer, 0.0)
+            steps = program.steps[:-1]
+            directions = self._supposing(lambda e: e.world.quantities.image_directions(e._values(steps)[-1]))
+            return directions.get(answer, 0.0)
         tokens = frozenset(program.tokens)
         if self.scene.uncertain is None or not EXTENSIONS.isdisjoint(tokens):
             return None

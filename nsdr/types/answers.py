@@ -31,16 +31,18 @@ class TraceStep:
 
 @dataclass(frozen=True)
 class ChoiceAnswer:
-    """The judgement of one choice of a multiple-choice question.
+    """The judgement of one choice of a multiple-choice question, or of one candidate for the answer of a descriptive question.
 
     Attributes:
-        choice: text of the choice.
-        answer: "correct" or "wrong"; None if it failed; with the official semantics also "error".
-        program: postfix tokens of the choice's program followed by the question's; empty if the text has no program.
-        trace: executed steps; empty if it failed.
-        error: why it failed; "" if it did not.
-        probability: that the choice is correct, in 0-1; None if it failed, or where the scene does not say which collisions
-            are uncertain (`Scene.uncertain`).
+        choice: text of the choice or candidate.
+        answer: "correct" or "wrong"; None if it failed; with the official semantics also "error". A candidate is correct if it
+            says the answer.
+        program: postfix tokens of the choice's program followed by the question's; empty if the text has no program, and for
+            a candidate.
+        trace: executed steps; empty if it failed, and for a candidate.
+        error: why it failed, such as a candidate that says no answer that can be read; "" if it did not.
+        probability: that the choice or candidate is correct, in 0-1; None if it failed, if a candidate names no answer ("not
+            sure"), or where the scene does not say which collisions are uncertain (`Scene.uncertain`).
     """
 
     choice: str
@@ -60,8 +62,7 @@ class Answer:
         program: postfix tokens of the question's program.
         answer: the answer word, "frame 43" for a frame, or one line per event; None for a multiple-choice question.
         trace: executed steps; empty for a multiple-choice question, whose choices have traces of their own.
-        choices: the judged choices; of a descriptive question the candidates, if any were given: those that say the answer are
-            correct. Candidates have no programs and traces.
+        choices: the judged choices of a multiple-choice question; the judged candidates of a descriptive one, if any were given.
         probability: that the answer is right as far as the scene is known: its collisions, and in a perceived scene its
             objects, the frames of its events, and motion near its limit; None where the scene does not say which collisions are
             uncertain (`Scene.uncertain`), and for a multiple-choice question, whose choices have their own.

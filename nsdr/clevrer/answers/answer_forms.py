@@ -2,12 +2,12 @@
 
 import re
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from nsdr.clevrer.answers.prompts import option_letters
-from nsdr.clevrer.files.questions import ANSWERS, BEYOND
+from nsdr.clevrer.files.questions import ANSWERS, BEYOND, BEYOND_BY_KIND
 from nsdr.errors import DataError
-from nsdr.world.vocabulary import NOUNS
+from nsdr.world.vocabulary import ATTRIBUTES, DIRECTIONS, NOUNS, SPEED_UNIT, STATIONARY
 
 __all__ = ["UnreadableError", "is_bare", "plain", "read_candidate", "read_letters", "read_word"]
 
@@ -48,8 +48,23 @@ FILLERS = JUDGING | {"letter", "letters", "only", "are", "it", "correct", "right
 OPINION = re.compile(r"\bI (?:think|believe|say|choose|pick|select)\b(?: that\b)?", re.IGNORECASE)
 LETTER = re.compile(r"^\(?[A-Z](?:[).:]+\s*|\s+-\s+)", re.IGNORECASE)
 """The letter that stands before an option."""
-SUBJECT = re.compile(r"(?:it|the (?:\w+ ){0,3}(?:object|cube|sphere|cylinder)) (?:is (?:moving )?|moves )")
+_NOUN = "|".join(noun for noun, (_, number) in NOUNS.items() if number == "N")
+_SUBJECT = rf"(?:(?:it|the (?:\w+ ){{0,3}}(?:{_NOUN})) )?"
+BEGINNING = re.compile(rf"{_SUBJECT}(?:is |moves )?(?:moving )?(?:to )?(?:the |an? )?")
 """The beginning of a sentence that says an answer, such as "the object is"."""
+AT_REST = re.compile(rf"{_SUBJECT}(?:is not moving|does not move|not moving)")
+WORDS = {
+    "number": frozenset(word for word in ANSWERS if word.isdigit()),
+    "boolean": frozenset({"yes", "no"}),
+    **{attribute: frozenset(words) for attribute, words in ATTRIBUTES.items()},
+}
+"""Answer words by what is asked for, a `nsdr.symbolic.Kind`."""
+NO_ANSWER = re.compile(
+    r"(?:(?:i|it|this)(?: am|'m| is|'s)? )?(?:not sure|unsure|unclear|unknown|not known|do not know|can ?not (?:tell|say|know)"
+    r"|can ?not be (?:known|told|said|determined))(?: from (?:the|this) video)?"
+    r"|(?:none|neither) of the (?:above|others|(?:other )?(?:options|choices|answers|candidates))"
+)
+"""What a candidate says that names no answer on purpose."""
 VERDICTS = {
     **dict.fromkeys(("yes", "correct", "right", "true"), True),
     **dict.fromkeys(("no", "incorrect", "wrong", "false"), False),
@@ -82,17 +97,40 @@ def is_bare(text: str) -> bool:
     return len(words) == 1 or (bool(words) and all(len(w) == 1 or w.casefold() == "and" for w in words))
 
 
-def read_candidate(text: str) -> str | None:
-    """The answer word that a candidate of an open question says, with or without its letter; None if it says no answer.
+def read_candidate(text: str, kind: str, answer: str) -> str | None:
+    """The answer that a candidate of an open question says, with or without its letter.
 
-    >>> read_candidate("B. The object is stationary.")
+    Args:
+        text: the candidate.
+        kind: what is asked for, a `nsdr.symbolic.Kind`; only words of this kind count.
+        answer: the question's answer; a candidate with the same words says it.
+
+    Returns:
+        An answer such as "3", "frame 10" or "red metal cube"; None for a candidate such as "not sure" or "none of the above".
+
+    Raises:
+        UnreadableError: it says no answer, or several.
+
+    >>> read_candidate("B. The object is stationary.", "direction", "left")
     'stationary'
     """
-    bare = LETTER.sub("", plain(text), count=1)
-    try:
-        return read_word(bare)
-    except UnreadableError:
+    text = LETTER.sub("", plain(text), count=1)
+    bare = _bare_answer(text)
+    if bare == _bare_answer(plain(answer)):
+        return answer
+    if NO_ANSWER.fullmatch(_sentence(text)):
         return None
+    if kind in WORDS:
+        return _one_word(text, WORDS[kind])
+    if kind == "frame" and (frame := re.fullmatch(r"(?:(?:at|in) )?(?:frame )?(\d+)", bare)):
+        return f"frame {int(frame[1])}"
+    if kind == "speed" and re.fullmatch(r"\d+\.\d", bare):
+        return f"{bare} {SPEED_UNIT}"
+    if kind == "direction" and STATIONARY not in (bare, answer) and (bare in DIRECTIONS) != (answer in DIRECTIONS):
+        raise UnreadableError("a direction in the image for one in the scene, or the reverse")
+    if kind in BEYOND_BY_KIND and re.fullmatch(BEYOND_BY_KIND[kind], bare):
+        return bare
+    raise UnreadableError("no answer")
 
 
 def read_word(text: str) -> str:
@@ -101,27 +139,44 @@ def read_word(text: str) -> str:
     Raises:
         UnreadableError: no answer word, several different ones, a denial, a question, or a number that is not whole.
     """
-    bare = SUBJECT.sub("", text.casefold().strip(" .!\"'"), count=1)
-    if BEYOND.fullmatch(bare):
-        return bare
+    bare = _bare_answer(text)
+    return bare if BEYOND.fullmatch(bare) else _one_word(text, ANSWERS)
+
+
+def _one_word(text: str, asked_for: Collection[str]) -> str:
+    """The one word that a word or sentence names, of those that are asked for."""
     lower = text.casefold().replace("n't", " not ")
     tokens = re.findall(r"[^\s,;:!?\"()\[\]{}/]+", re.sub(r"(?<=[a-z])-(?=[a-z])", " ", lower))
     words = [_same(_without_marks(token.strip("'<>"))) for token in tokens]
     words = [w for w in words if w]
-    named = {w for w in words if w in ANSWERS or re.match(r"[.-]?\d", w)}
-    named = named or {SHAPE_NOUNS[w] for w in words if w in SHAPE_NOUNS}
+    numbers = "0" in asked_for
+    named = {w for w in words if w in asked_for or (numbers and re.match(r"[.-]?\d", w))}
+    if named <= set(SHAPE_NOUNS):
+        named |= {SHAPE_NOUNS[w] for w in words if w in SHAPE_NOUNS}.intersection(asked_for)
     leading = re.match(r"(yes|no) ?[,.;:!-]", lower)
     if leading and len(named & {"yes", "no"}) == 1 and not any(w[-1].isdigit() for w in named):
         return leading[1]
     if len(named) > 1:
         raise UnreadableError(f"several answer words: {', '.join(sorted(named)[:4])}")
-    if not named & ANSWERS:
+    if not named.intersection(asked_for):
         raise UnreadableError("no answer word")
     if len(words) > 1 and ("?" in text or DENIALS & set(words) or "no" in words[:-1]):
         raise UnreadableError("a question or a denial")
     if re.search(r"[.!;]\s+\w|\n", text):
         raise UnreadableError("more than one sentence")
     return named.pop()
+
+
+def _sentence(text: str) -> str:
+    """The text in small letters, without signs at its ends and the short forms of "not"."""
+    lower = text.casefold().strip(" .!\"'")
+    return re.sub(r" +", " ", lower.replace("can't", "cannot").replace("n't", " not"))
+
+
+def _bare_answer(text: str) -> str:
+    """What a sentence says of its subject: "red metal cube" of "It is the red metal cube."."""
+    sentence = _sentence(text)
+    return STATIONARY if AT_REST.fullmatch(sentence) else BEGINNING.sub("", sentence, count=1)
 
 
 def _without_marks(token: str) -> str:

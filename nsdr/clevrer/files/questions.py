@@ -58,7 +58,13 @@ ANSWERS = frozenset(
 VIDEO_KEY = re.compile(r"(?:\w*_)?0*([0-9]{1,9})(\.\w+)?")
 """The name or number of a video as a key: "video_10000.mp4", "sim_10000" or "10000"."""
 _OBJECT = " ".join(f"({'|'.join(words)})" for words in (COLORS, MATERIALS, SHAPES))
-BEYOND = re.compile(rf"\d+\.\d {SPEED_UNIT}|{'|'.join((*DIRECTIONS, *IMAGE_DIRECTIONS, STATIONARY))}|{_OBJECT}")
+BEYOND_BY_KIND = {
+    "speed": rf"\d+\.\d {SPEED_UNIT}",
+    "direction": "|".join((*DIRECTIONS, *IMAGE_DIRECTIONS, STATIONARY)),
+    "name": _OBJECT,
+}
+"""Patterns of answers of descriptive questions beyond CLEVRER, by what is asked for (a `nsdr.symbolic.Kind`)."""
+BEYOND = re.compile("|".join(BEYOND_BY_KIND.values()))
 """Answers of descriptive questions beyond CLEVRER: a speed, a direction or an object, such as "1.8 world units per second"."""
 
 
