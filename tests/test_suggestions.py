@@ -1,5 +1,7 @@
 """The nearest well-formed questions to texts that were refused."""
 
+from dataclasses import replace
+
 import pytest
 
 from nsdr import Executor, QuestionError, Scene
@@ -95,3 +97,22 @@ def test_an_error_of_the_parser_itself_is_not_taken_for_one_of_the_choice(small_
     monkeypatch.setattr(pipeline, "question_parser", type("Stub", (), {"parse": staticmethod(parse)}))
     with pytest.raises(EndpointError, match=r"^no server$"):
         pipeline.answer(small_scene, "What will happen next?", ["the cube", "the sphere"])
+
+
+def test_a_question_with_candidates_may_be_a_descriptive_one(small_scene: Scene, parser: GrammarParser) -> None:
+    pipeline = Pipeline(None, None, parser)  # type: ignore[arg-type]
+    with pytest.raises(QuestionError, match=r"nearest questions: .*How many"):
+        pipeline.answer(small_scene, "How many cubes are stacked?", ["1", "2"])
+
+
+@pytest.mark.parametrize("text", ["Can you say if the red cube is stacked?", "Which cube is gone?", "What is missing?"])
+def test_bare_conditions_are_no_removals(text: str) -> None:
+    found = nearest_questions(text, None, *QUESTION_KINDS)
+    assert not all("without" in near.lower() or "removed" in near for near in found), found
+
+
+def test_removals_are_suggested_where_the_scene_knows_them(small_scene: Scene) -> None:
+    text = "What happens if the red cube and the blue sphere are removed?"
+    known = nearest_questions(text, small_scene, *QUESTION_KINDS)
+    assert all("without" in near.lower() or "removed" in near for near in known), known
+    assert nearest_questions(text, replace(small_scene, counterfactual=None), *QUESTION_KINDS)

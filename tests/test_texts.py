@@ -48,4 +48,4 @@ def test_a_hedge_is_left_out_and_said(parser: AutoParser) -> None:
     ]
     for text, kind in hedged:
         found = parser.parse(text, kind)
-        assert any("understood as" in note for note in found.notes)
+        assert any("read as" in note for note in found.notes)

@@ -15,7 +15,7 @@ from nsdr.language.slots import Slot
 from nsdr.language.texts import in_words, kind_of
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.contents import ASKED, content_readings
-from nsdr.question_parser.grammar import GrammarParser, NoReadingError
+from nsdr.question_parser.grammar import GrammarParser, NoReadingError, read_as
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program
 
@@ -46,7 +46,7 @@ def says_the_same(text: str, program: Program) -> bool:
     normal = normal_form(text)
     if _TAG.search(text.lower()) or _UNREAD.search(" ".join(normal.forms)):
         return False
-    if kind_of(program) == "choice" and normal.forms[0] in QUESTION_STARTS | CLAUSE_STARTS:
+    if kind_of(program) == "choice" and not (QUESTION_STARTS | CLAUSE_STARTS).isdisjoint(normal.forms[:1]):
         return False
     if kind_of(program) == "descriptive" and "will" in normal.forms and "next" not in normal.forms:
         return False
@@ -124,7 +124,7 @@ class AutoParser(Parser):
         return parser.to(self._device) if self._device and hasattr(parser, "to") else parser
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As of `Parser`. A program that is not of the rules has a note that says what was understood."""
+        """As of `Parser`. A program that is not of the rules has a note that says how its text was read."""
         found = self.grammar.parse_batch(texts, kind)
         unread: list[int] = []
         for i, text in enumerate(texts):
@@ -132,19 +132,15 @@ class AutoParser(Parser):
                 continue
             readings = content_readings(text, kind)
             if len(readings) == 1:
-                found[i] = _understood(text, Program.parse(readings[0]))
+                found[i] = Program.parse(readings[0]).with_notes(read_as(readings[0]))
             else:
                 unread.append(i)
         if unread:
             programs = self.second.parse_batch([texts[i] for i in unread], kind)
             for i, program in zip(unread, programs, strict=True):
                 if isinstance(program, Program) and says_the_same(texts[i], program):
-                    found[i] = _understood(texts[i], program)
+                    found[i] = program.with_notes(read_as(program))
         return found
-
-
-def _understood(text: str, program: Program) -> Program:
-    return program.with_notes(f"read {text!r} as {in_words(program)!r}")
 
 
 def _networks(folder: str | Path) -> Parser:

@@ -97,4 +97,4 @@ def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Progra
     except QuestionError as e:
         if isinstance(e, EndpointError):  # of the parser, whatever the text is
             raise
-        return QuestionError(f"{e}{suggestion(text, scene, *QUESTION_KINDS if kind == 'descriptive' else (kind,))}")
+        return QuestionError(f"{e}{suggestion(text, scene, *(kind,) if kind == 'choice' else QUESTION_KINDS)}")

@@ -15,7 +15,7 @@ from nsdr.language.texts import START_SYMBOLS, TEXT_KINDS, english, in_words
 from nsdr.language.words import rewritten
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.tokenizer import split_words
-from nsdr.symbolic.program import Program
+from nsdr.symbolic.program import Program, ProgramSource, program_tokens
 
 REMEDY = "word it like a CLEVRER question or option (docs/questions.md)"
 PUNCTUATION = frozenset("'\u2018\u2019\",.;:?!-()/&\u2013\u2014\u201c\u201d\u2026")
@@ -65,14 +65,14 @@ class GrammarParser(Parser):
                 raise NoReadingError(f"unknown word {normal.left_out[0]!r:.40}: {_refusal(text, kind)}")
             if normal.is_hedged and kind == "choice":
                 raise QuestionError(f"{text!r:.200}: an option says what happens, not what may happen; {REMEDY}")
-            notes += [f"read {word!r} as {known!r}" for word, known in normal.corrections]
+            notes += [f"read {word!r:.40} as {known!r}" for word, known in normal.corrections]
             programs = readings(text, kind)
         if len(programs) > 1:
             texts = " or as ".join(repr(_said(program)) for program in programs)
             raise QuestionError(f"{text!r:.200} can be read as {texts}; {REMEDY}")
         if programs:
             if normal_form(text).is_hedged:
-                notes.append(f"understood as {_said(programs[0])!r}")
+                notes.append(read_as(programs[0]))
             return Program.parse(programs[0]).with_notes(*notes)
         if any(readings(text, other) for other in TEXT_KINDS):
             raise another_kind(text, kind)
@@ -126,6 +126,11 @@ def another_kind(text: str, kind: str) -> QuestionError:
     return QuestionError(f"{text!r:.200} is not a {name}; {remedy[kind]}, or {REMEDY}")
 
 
+def read_as(program: ProgramSource) -> str:
+    """The note that says how a text was read, where that is not what it says word by word."""
+    return f"read as {_said(program)!r:.200}"
+
+
 def _refusal(text: str, kind: str) -> str:
     """Why a text has no reading: what is understood without its unknown words, or without a few words in sequence."""
     words, left_out = text.split(), normal_form(text).left_out
@@ -141,8 +146,8 @@ def _refusal(text: str, kind: str) -> str:
     return f"{text!r:.200} fits no program; {REMEDY}"
 
 
-def _said(tokens: Sequence[str]) -> str:
+def _said(program: ProgramSource) -> str:
     try:
-        return in_words(tokens).rstrip("?")
+        return in_words(program).rstrip("?")
     except ProgramError:
-        return " ".join(tokens)
+        return " ".join(program_tokens(program))

@@ -22,11 +22,24 @@ SYMBOLS = {
 }
 """Symbols of write_clevrer.rules whose contents are compared with a text, by kind of text."""
 QUESTION_KINDS = ("descriptive", "multiple_choice")
-"""The kinds that a text may be of that has no choices with it."""
-CONDITIONS = frozenset(
-    ["without", "if", "suppose", "supposing", "imagine", "assume", "assuming", "absent", "gone", "missing", "taken"]
-).union(["remove", "removed", "removing", "delete", "deleted", "erased", "eliminated", "excluded", "omitted"])
-"""Words of normal forms that speak of another world; the nearest questions to a text with one are about removals."""
+"""The kinds that a question may be of."""
+REMOVALS = frozenset(
+    [
+        "without",
+        "suppose",
+        "supposing",
+        "imagine",
+        "assume",
+        "assuming",
+        "absent",
+        "taken",
+        "remove",
+        "removed",
+        "removing",
+    ]
+).union(["delete", "deleted", "erased", "eliminated", "excluded", "omitted"])
+"""Words of normal forms that speak of another world, as "if" does beside "will"; the nearest questions to a text with one are
+about removals."""
 _SIDE_ASKED = re.compile(r"\b(?:after|before) (?:how|what|which)\b")
 """A text that asks what is before an event may mean to ask for what is before it, or the reverse."""
 ANY_NAMES = (("red", "cube"), ("blue", "sphere"))
@@ -83,7 +96,7 @@ def nearest_questions(text: str, scene: Scene | None, *kinds: str) -> list[str]:
     if scene is None and len(names) < 2:  # a collision takes two
         phrases.names = [*names, *(other for other in ANY_NAMES if other not in names)]
     symbols = [symbol for kind in kinds for symbol in SYMBOLS[kind]]
-    if "COUNTERFACTUAL" in symbols and "without" in said:
+    if "COUNTERFACTUAL" in symbols and "without" in said and (scene is None or scene.counterfactual):
         symbols = ["COUNTERFACTUAL"]
     pairs = [pair for symbol in symbols for pair in clevrer().every(symbol, phrases, random.Random(0))]
     said_names = [f"the {Slot('N', words).text}" for words in phrases.names]
@@ -104,12 +117,14 @@ def nearest_questions(text: str, scene: Scene | None, *kinds: str) -> list[str]:
 def _meanings(text: str) -> list[str]:
     """Attribute words and the meanings of the other words of a text."""
     words = normal_form(text).words
+    if {"if", "will"}.issubset(words):
+        words = tuple("without" if word == "if" else word for word in words)
     parts = ((word.words or ("object",)) if isinstance(word, Slot) else (_meaning(word),) for word in words)
     return [meaning for part in parts for meaning in part]
 
 
 def _meaning(word: str) -> str:
-    return "without" if word in CONDITIONS else MEANINGS.get(word, word)
+    return "without" if word in REMOVALS else MEANINGS.get(word, word)
 
 
 def _is_other_side(first: str, second: str) -> bool:

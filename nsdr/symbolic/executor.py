@@ -126,12 +126,12 @@ class Executor:
         is_list = parsed.result == Kind.EVENTS
         text = "\n".join(self.world.sentences(values[-1])) or "none" if is_list else trace[-1].text
         probability = self._probability(parsed, self._said(parsed.result, values[-1]))
-        answer = Answer(question, parsed.tokens, text, trace, (), probability, distinct(self.scene.notes, parsed.notes))
+        answer = Answer(question, parsed.tokens, text, trace, (), probability)
         choices = tuple(self._candidate(parsed, answer, candidate) for candidate in candidates)
-        if not candidates or any(c.answer == "correct" for c in choices):
-            return replace(answer, choices=choices)
-        note = f"none of the candidates says the answer, {text!r}"
-        return replace(answer, choices=choices, notes=distinct(answer.notes, [note]))
+        notes = [*self.scene.notes, *parsed.notes]
+        if candidates and not any(c.answer == "correct" for c in choices):
+            notes.append(f"none of the candidates says the answer, {text!r}")
+        return replace(answer, choices=choices, notes=distinct(notes))
 
     def judge(
         self,

@@ -62,7 +62,7 @@ class Answer:
         program: postfix tokens of the question's program.
         answer: the answer word, "frame 43" for a frame, or one line per event; None for a multiple-choice question.
         trace: executed steps; empty for a multiple-choice question, whose choices have traces of their own.
-        choices: the judged choices of a multiple-choice question; the judged candidates of a descriptive one, if any were given.
+        choices: the judged choices of a multiple-choice question, or the judged candidates, if a descriptive one has any.
         probability: that the answer is right as far as the scene is known: its collisions, and in a perceived scene its
             objects, the frames of its events, and motion near its limit; None where the scene does not say which collisions are
             uncertain (`Scene.uncertain`), and for a multiple-choice question, whose choices have their own.
