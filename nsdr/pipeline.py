@@ -278,7 +278,8 @@ class Pipeline:
         if hasattr(backend, "simulate"):
             found = backend.simulate(seen.tracks, interventions, from_frame)
         else:
-            found = simulate_removal(seen.dynamics, interventions, from_frame, type(self.dynamics).__name__)
+            name = type(self.dynamics).__name__
+            found = simulate_removal(seen.dynamics, interventions, from_frame, name, seen.camera)
         notes = distinct(seen.scene.notes, found.notes)
         return replace(found, scene=replace(found.scene, notes=notes), notes=notes)
 

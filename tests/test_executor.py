@@ -432,3 +432,11 @@ def test_candidates_are_read_by_what_is_asked_for(
     }
     assert [bool(c.error) for c in found.choices] == [word is None for word in expected]
     assert bool(executor.answer(program, candidates=unreadable).notes)
+
+
+@pytest.mark.parametrize("side", ["before", "after"])
+def test_of_what_is_simulated_only_collisions_are_known_before_or_after_an_event(small_scene: Scene, side: str) -> None:
+    for events in ("unseen_events", f"events {RED_CUBE} get_counterfact"):
+        part = f"{events} events {BLUE} filter_out unique filter_{side}"
+        with pytest.raises(ExecutionError, match="only collisions are"):
+            Executor(small_scene).run(f"{part} objects filter_out count")

@@ -460,6 +460,14 @@ def test_frames_after_the_end_are_refused_before_the_work(monkeypatch) -> None:
         options(*given, "-1")
 
 
+def test_the_simulated_scene_knows_motion_in_the_image(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
+    scene = backend.simulate(tracks, [Freeze(1)]).scene
+    assert scene.motion_px is not None
+    assert Executor(scene).run("objects sphere filter_shape unique query_image_direction")
+    of_networks = simulate_removal(backend.predict(tracks), [Remove(0)], 0, "Other", tracks.camera).scene
+    assert of_networks.motion_px is not None
+
+
 def test_the_command_writes_a_report_a_video_and_json(
     backend: PhysicsPredictor, tracks: VideoTracks, tmp_path, monkeypatch, capsys
 ) -> None:

@@ -26,6 +26,7 @@ from nsdr.types import (
 from nsdr.types.interventions import Intervention
 from nsdr.types.scenes import in_order
 from nsdr.validation import BoolArray, FloatArray
+from nsdr.world.camera import Camera
 
 EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
 """Interventions of which an object takes one. `Remove` excludes all others."""
@@ -147,6 +148,7 @@ def make_simulation(
     original: Rollout,
     changed: Rollout,
     yaws: tuple[FloatArray, FloatArray],
+    camera: Camera | None = None,
 ) -> Simulation:
     """A simulation with its events and scene.
 
@@ -156,6 +158,7 @@ def make_simulation(
         from_frame: frame of the interventions.
         original, changed: rollouts of the scene's objects and the added ones.
         yaws: (n, F) rotations of both (radians).
+        camera: the camera that took the video; without it, motion in the image is not known.
     """
     placed = {i for i, change in changes.of if isinstance(change, Remove | Move | Add)}
 
@@ -164,7 +167,7 @@ def make_simulation(
         return event.kind == "collision" or event.frame != from_frame or first not in placed
 
     kept = [o.id for o in changes.objects if from_frame > 0 or o.id not in changes.removed]
-    scene = _scene(changes.objects, n_frames, changed, kept)
+    scene = _scene(changes.objects, n_frames, changed, kept, camera)
     return Simulation(
         changes.objects,
         n_frames,
@@ -186,7 +189,9 @@ def _events(rollout: Rollout) -> tuple[Event, ...]:
     return in_order([*enter_exit_events(rollout.visible), *rollout.collisions])
 
 
-def _scene(objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept: Sequence[int]) -> Scene:
+def _scene(
+    objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept: Sequence[int], camera: Camera | None
+) -> Scene:
     """The scene of a rollout with some of its objects, renumbered."""
     new = {old: i for i, old in enumerate(kept)}
 
@@ -203,11 +208,15 @@ def _scene(objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept
         None if uncertain is None else tuple(replace(one, event=renumbered(one.event)) for one in uncertain),
     )
     prediction = DynamicsPrediction(tuple(replace(objects[i], id=new[i]) for i in kept), n_frames, part)
-    return replace(scene_from_prediction(prediction), counterfactual=None, dynamics=prediction)
+    return replace(scene_from_prediction(prediction, camera=camera), counterfactual=None, dynamics=prediction)
 
 
 def simulate_removal(
-    prediction: DynamicsPrediction, interventions: Sequence[Intervention], from_frame: int, backend: str
+    prediction: DynamicsPrediction,
+    interventions: Sequence[Intervention],
+    from_frame: int,
+    backend: str,
+    camera: Camera | None = None,
 ) -> Simulation:
     """The simulation of a backend that takes no interventions: one object is removed from frame 0.
 
@@ -218,6 +227,7 @@ def simulate_removal(
         interventions: changes of the scene.
         from_frame: their frame.
         backend: its name, for the error.
+        camera: the camera that took the video; without it, motion in the image is not known.
 
     Raises:
         DataError: other interventions, or those that `resolve` refuses.
@@ -235,4 +245,4 @@ def simulate_removal(
         changed = replace(changed, uncertain=tuple(replace(one, removed=None) for one in changed.uncertain))
     original = replace(prediction.observed, unseen_scores=None)
     none = np.zeros(changed.visible.shape)
-    return make_simulation(changes, n_frames, 0, original, changed, (none, none))
+    return make_simulation(changes, n_frames, 0, original, changed, (none, none), camera)

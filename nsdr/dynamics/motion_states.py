@@ -91,8 +91,8 @@ def states_from_tracks(video: VideoTracks) -> MotionStates:
 def first_frames(states: MotionStates, n_frames: int) -> MotionStates:
     """What is known of a video's motion when only its first frames have been seen.
 
-    Objects that were not detected in them are left out. Where an object was not detected, or its patch is that of another
-    frame, the later frames no longer tell. An object that was not seen whole in these frames has black patches.
+    Objects that were not detected in them are left out. Positions, boxes and patches of undetected frames are filled from
+    these frames only. An object that was not seen whole in these frames has black patches.
     """
     seen = np.flatnonzero(states.detected[:, :n_frames].any(1))
     names = ("location_world", "detected", "reliable", "present", "box_px")
@@ -109,26 +109,24 @@ def first_frames(states: MotionStates, n_frames: int) -> MotionStates:
 
 
 def _filled(measured: MotionStates) -> MotionStates:
-    """States whose places and boxes in frames without a detection follow from those with one, and so where they are present."""
-    states = replace(
-        measured,
-        location_world=measured.location_world.astype(float),
-        box_px=np.zeros(measured.box_px.shape),
-        present=np.zeros_like(measured.detected),
-    )
+    """States with positions and boxes in undetected frames filled from the detected ones.
+
+    `present` runs from the first detection to the last.
+    """
+    location, box = measured.location_world.astype(float), np.zeros(measured.box_px.shape)
+    present = np.zeros_like(measured.detected)
     every = np.arange(measured.detected.shape[1])
     for i, detected in enumerate(measured.detected):
         seen = np.flatnonzero(detected)
-        place, box = measured.location_world[i, seen], measured.box_px[i, seen]
-        location = states.location_world[i]
-        location[:] = np.stack([np.interp(every, seen, column) for column in place.T], 1)
-        states.box_px[i] = np.stack([np.interp(every, seen, column) for column in box.T], 1)
-        states.present[i, seen[0] : seen[-1] + 1] = True
+        place = measured.location_world[i, seen]
+        location[i] = np.stack([np.interp(every, seen, column) for column in place.T], 1)
+        box[i] = np.stack([np.interp(every, seen, column) for column in measured.box_px[i, seen].T], 1)
+        present[i, seen[0] : seen[-1] + 1] = True
         first, last = _line_samples(seen, measured.reliable[i, seen], measured.spacing_frames)
         before, after = every < seen[0], every > seen[-1]
-        location[before] = _line(seen[first], place[first], every[before])
-        location[after] = _line(seen[last], place[last], every[after])
-    return states
+        location[i, before] = _line(seen[first], place[first], every[before])
+        location[i, after] = _line(seen[last], place[last], every[after])
+    return replace(measured, location_world=location, box_px=box, present=present)
 
 
 def extrapolate(location_world: FloatArray, frames: int) -> FloatArray:

@@ -51,8 +51,10 @@ def read_replacements(content: str, name: str) -> tuple[Replacement, ...]:
             continue
         pattern, arrow, template = line.partition(" =>")
         text, to, result = (lines.pop(0) if lines and lines[0].startswith(" ") else "").partition("->")
-        if not arrow or not to:
-            raise DataError(f"{name}.txt: {line!r} has no {'sentence' if arrow else 'replacement'}; write it below it")
+        if not arrow:
+            raise DataError(f"{name}.txt: {line!r} has no replacement; write it behind '=>'")
+        if not to:
+            raise DataError(f"{name}.txt: {line!r} has no sentence; write one below it, as 'text -> result'")
         for key in reversed(names):
             pattern = pattern.replace(key, names[key])
         if pattern in found:

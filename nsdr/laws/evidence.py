@@ -44,7 +44,10 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
 
 
 def evidence_in_time(tracks: VideoTracks, timing: Timing, proposals: VideoProposals | None = None) -> list[Evidence]:
-    """The same of frames at the times at which they were taken, and of standstills; frames count as they are shown."""
+    """The evidence of `evidence_of` with frames at their own times, and that of standstills.
+
+    Frame numbers are those of the video.
+    """
     found = evidence_of(timing.tracks(tracks), None if proposals is None else timing.proposals(proposals))
     return [*(timing.as_shown(e) for e in found), *timing.evidence]
 

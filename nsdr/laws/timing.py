@@ -94,13 +94,20 @@ class Timing:
         rows = np.flatnonzero(slot[proposals.frame_index] >= 0)
         names = ("attribute", "score", "centroid_px", "area_px", "box_xyxy_px")
         columns: dict[str, Any] = {name: getattr(proposals, name)[rows] for name in names}
-        masks = None if proposals.masks is None else tuple(proposals.masks[r] for r in rows.tolist())
-        frame, processed = slot[proposals.frame_index[rows]], self.slot[self._first]
-        return VideoProposals(self._own_frames, frame, **columns, masks=masks, processed=processed)
+        return replace(
+            proposals,
+            n_frames=self._own_frames,
+            frame_index=slot[proposals.frame_index[rows]],
+            masks=None if proposals.masks is None else tuple(proposals.masks[r] for r in rows.tolist()),
+            processed=self.slot[self._first],
+            **columns,
+        )
 
     def as_shown(self, e: Evidence) -> Evidence:
         """Evidence with frames of the video in place of frames at their own times."""
-        return e._replace(frame=self._shown(e.frame), end=self._shown(e.end))
+        frame, end = self._shown(e.frame), self._shown(e.end)
+        amount = e.amount * (end - frame) / (e.end - e.frame) if e.unit == "frames" else e.amount
+        return e._replace(frame=frame, end=end, amount=amount)
 
     def _shown(self, slot: int) -> int:
         k = int(np.searchsorted(self.slot, slot))
@@ -128,7 +135,7 @@ def _on_time(t: Track, late: FloatArray) -> Track:
 
 
 def timing_of(tracks: VideoTracks, processed: IntArray, late: FloatArray) -> Timing:
-    """When the frames of a video were taken, as its rate says and the steps of all objects together.
+    """When the frames of a video were taken, by its frame rate and by the common steps of its objects.
 
     Args:
         tracks: of the video, as it is shown.
@@ -151,20 +158,30 @@ def timing_of(tracks: VideoTracks, processed: IntArray, late: FloatArray) -> Tim
         stills.append(Evidence("standstill", every, first, end, end - first, "frames", nats))
         # Nothing is taken while time stands still.
         said, slot = (np.where(order < b, np.minimum(t, t[a]), t - t[b] + t[a]) for t in (said, slot))
+    else:  # the pattern is that before the last standstill
+        pattern = steps.pattern(said)
     if pattern is None:
         return Timing(tracks.n_frames, processed, slot, said - slot, tuple(stills))
     again = int((np.diff(pattern) == 0).sum()) if not stills else 0
-    note = _note(int(pattern[-1]) + 1, len(np.unique(pattern)), again)
-    return Timing(tracks.n_frames, processed, pattern, np.zeros(len(pattern)), tuple(stills), (note,))
+    notes = copy_notes(int(pattern[-1]) + 1, len(np.unique(pattern)), again)
+    return Timing(tracks.n_frames, processed, pattern, np.zeros(len(pattern)), tuple(stills), notes)
 
 
-def _note(taken: int, shown: int, again: int) -> str:
-    """What a user should know of a copy."""
-    parts = [f"{taken - shown} of {taken} frames are missing"] * (shown < taken) + [f"{again} are shown again"] * (
-        again > 0
-    )
+def copy_notes(taken: int, shown: int, again: int) -> tuple[str, ...]:
+    """What a user should know of a copy at another rate.
+
+    Args:
+        taken: frames of the original.
+        shown: how many of them the copy shows.
+        again: how many it shows once more.
+    """
+    parts = []
+    if shown < taken:
+        parts.append(f"{taken - shown} of {taken} frames are missing")
+    if again:
+        parts.append(f"{again} are shown again")
     how = f" ({', '.join(parts)})" if parts else ""
-    return f"copied from {FPS} frames a second to another rate{how}; each frame is judged at its own time"
+    return (f"copied from {FPS} frames a second to another rate{how}; each frame is judged at its own time",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,9 +208,9 @@ class _Steps:
             return _off_nats(step, frames * before, frames * after)
 
         by_frames = np.stack([cost(frames) for frames in range(np.diff(slots, axis=1).max() + 1)], 1)
-        costs = by_frames[np.arange(step.shape[1]), np.diff(slots, axis=1)].sum(1) + more_nats
-        best = slots[int(costs.argmin())]
-        gain = cost(np.diff(said)[:, None]).sum() - costs.min()
+        nats = by_frames[np.arange(step.shape[1]), np.diff(slots, axis=1)].sum(1) + more_nats
+        best = slots[int(nats.argmin())]
+        gain = cost(np.diff(said)[:, None]).sum() - nats.min()
         return best if gain > MIN_GAIN_NATS else None
 
     def standstill(self, taken: FloatArray) -> tuple[int, int, float] | None:

@@ -87,13 +87,18 @@ def as_set(who: Objects | int) -> Objects:
 ONLY_COLLISIONS = "is not known: after the video, and with an object removed or changed, only collisions are"
 
 
+def _filtered(events: Events, fits: Callable[[Event], bool]) -> Events:
+    """The events that fit; of events of which only collisions are known, again such ones."""
+    found = [e for e in events if fits(e)]
+    return Collisions(found) if isinstance(events, Collisions) else tuple(found)
+
+
 def _of_kind(kind: str) -> Callable[[World, Events, Objects | int], Events]:
     def run(world: World, events: Events, who: Objects | int) -> Events:
         objects = set(as_set(who))
         if isinstance(events, Collisions) and kind != "collision":
             raise ExecutionError(f"which objects {'enter' if kind == 'in' else 'exit'} {ONLY_COLLISIONS}")
-        found = [e for e in events if e.kind == kind and not objects.isdisjoint(e.objects)]
-        return Collisions(found) if isinstance(events, Collisions) else tuple(found)
+        return _filtered(events, lambda e: e.kind == kind and not objects.isdisjoint(e.objects))
 
     return run
 
@@ -107,12 +112,12 @@ def _order(world: World, events: Events, order: str) -> Event:
 
 def _before(world: World, events: Events, event: Event) -> Events:
     frame = world.frame_of(event)
-    return tuple([e for e in events if 0 <= e.frame < frame])
+    return _filtered(events, lambda e: 0 <= e.frame < frame)
 
 
 def _after(world: World, events: Events, event: Event) -> Events:
     frame = world.frame_of(event)
-    return tuple([e for e in events if e.frame > frame])
+    return _filtered(events, lambda e: e.frame > frame)
 
 
 def _ancestors(world: World, events: Events, event: Event) -> Causes:

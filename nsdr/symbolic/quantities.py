@@ -82,6 +82,8 @@ class Quantities:
             raise ExecutionError(f"the {name} is never visible")
         if not (moving[i] & self._scene.visible[i]).any():
             return {STATIONARY: 1.0}
+        if np.isnan(motion[i]).any():
+            raise ExecutionError(f"where the {name} moves in the image is not known")
         right, down = (NormalDist(0.0, MOTION_ERROR_PX).cdf(float(component)) for component in motion[i])
         across, along = {"left": 1 - right, "right": right}, {"up": 1 - down, "down": down}
         return {f"{a} and to the {b}": p * q for a, p in along.items() for b, q in across.items()}

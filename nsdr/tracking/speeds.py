@@ -6,11 +6,12 @@ from nsdr.types import Track, VideoTracks
 from nsdr.world.physics_constants import FRAME_SECONDS, START_SPEED_RANGE_WORLD_PER_S
 
 FIRST_FRAMES, BORDER_FRAMES = 4, 2
-"""A first speed is measured over so many detections, from so many detections after the first one on."""
+"""A first speed is measured between detections `FIRST_FRAMES` apart, skipping the first `BORDER_FRAMES`: at the border, places
+are off."""
 DOUBTFUL_SPEED, UNFIT_SPEED = 0.125, 0.22
-"""A faster first speed is noted, and a much faster one refused (world units per frame). Six of the 8,664 scenes of `train` have
-an object that seems to be faster than the first value, none has one that is faster than the second. With every second frame
-left out, 92 % of 1,444 scenes have one that is faster than the first."""
+"""A first speed above the first value is noted, one above the second is refused (world units per frame). Of the 8,664 scenes
+of `train`, an object seems faster than `DOUBTFUL_SPEED` in 6 scenes, than `UNFIT_SPEED` in none. With every second frame left
+out, one seems faster than `DOUBTFUL_SPEED` in 92 % of 1,444 scenes."""
 
 
 def speed_notes(tracks: VideoTracks) -> tuple[str, ...]:

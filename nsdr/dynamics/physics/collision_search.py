@@ -16,7 +16,7 @@ from nsdr.dynamics.physics.trajectory_fit import GOOD_COST, TrajectoryFit, fit_t
 from nsdr.types import Event
 
 Pair = tuple[int, ...]
-Collisions = frozenset[Event]
+EventSet = frozenset[Event]
 """Of one video; a pair may collide more than once."""
 TRIED_FROM = 0.01
 """Candidates with a probability between this and 1 minus this are tried both ways; the others are taken as they are."""
@@ -100,30 +100,30 @@ class CollisionSearch:
     ) -> None:
         self.states, self.config = states, config or PhysicsConfig()
         self.probability = dict(candidates)
-        self.probable: Collisions = frozenset(event for event, p in candidates if p > 0.5)
+        self.probable: EventSet = frozenset(event for event, p in candidates if p > 0.5)
         tried = [(abs(p - 0.5), event.objects, event) for event, p in candidates if TRIED_FROM < p < 1 - TRIED_FROM]
         self.uncertain = [event for _, _, event in sorted(tried, key=lambda one: one[:2])]
-        self._fits: dict[Collisions, TrajectoryFit] = {}
-        self._repeated: set[Collisions] = set()
+        self._fits: dict[EventSet, TrajectoryFit] = {}
+        self._repeated: set[EventSet] = set()
 
-    def can_try(self, collisions: Collisions) -> bool:
+    def can_try(self, collisions: EventSet) -> bool:
         """Whether a fit with these collisions is there already, or may still be made."""
         return collisions in self._fits or max(len(self._fits), 1) <= self.config.trials
 
-    def fitted(self, collisions: Collisions, near: TrajectoryFit | None = None) -> TrajectoryFit:
+    def fitted(self, collisions: EventSet, near: TrajectoryFit | None = None) -> TrajectoryFit:
         """The fit with these collisions; where it is new, it starts from `near`, None for a first guess."""
         if collisions not in self._fits:
             self._fits[collisions] = self._fit(collisions, near)
         return self._fits[collisions]
 
-    def _fit(self, collisions: Collisions, near: TrajectoryFit | None) -> TrajectoryFit:
+    def _fit(self, collisions: EventSet, near: TrajectoryFit | None) -> TrajectoryFit:
         return fit_trajectories(self.states, self.in_order(collisions), self.config.restarts, near)
 
-    def in_order(self, collisions: Collisions) -> list[Event]:
+    def in_order(self, collisions: EventSet) -> list[Event]:
         """The collisions in order of time, those of one frame in the order of the candidates."""
         return sorted((event for event in self.probability if event in collisions), key=lambda e: e.frame)
 
-    def evidence(self, event: Event, chosen: Collisions) -> Evidence:
+    def evidence(self, event: Event, chosen: EventSet) -> Evidence:
         """For a collision, given the others among the chosen ones."""
         given, without, pair = chosen | {event}, chosen - {event}, event.objects
         first = self.fitted(chosen)

@@ -89,7 +89,7 @@ class PhysicsPredictor:
         changes = resolve(interventions, scene.states.objects, scene.smoothed.visible, from_frame)
         changed, changed_yaw = scene.what_if(changes, from_frame)
         before, yaw = scene.original(len(changes.added), from_frame)
-        return make_simulation(changes, tracks.n_frames, from_frame, before, changed, (yaw, changed_yaw))
+        return make_simulation(changes, tracks.n_frames, from_frame, before, changed, (yaw, changed_yaw), tracks.camera)
 
     def to(self, device: str) -> "PhysicsPredictor":
         """Move the detector's network to a device; the simulation runs on the CPU."""
