@@ -45,7 +45,7 @@ class _Truth:
         states: (F, n, 13).
         visible: (F, n).
         collisions: (frame, objects).
-        camera: that took the video.
+        camera: the camera that took the video.
     """
 
     attributes: NDArray[np.int64]
@@ -79,7 +79,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
 
     - `video` (T, 3, H, W) uint8 RGB
     - `masks` (T, H, W) uint8, what is seen at each pixel's centre by ray casting: 0 the ground, i + 1 the object of row i
-    - `states` (T, N, 13) float32, columns as of `STATE`; `visible` (T, N) bool, whether the object is in the image
+    - `states` (T, N, 13) float32, columns as in `STATE`; `visible` (T, N) bool, whether the object is in the image
     - `contacts` (T, N, N) bool, symmetric: pairs that begin to collide after the clip's previous frame, up to this one
     - `attributes` (N, 3) int64, color, material and shape (`nsdr.world.vocabulary.ATTRIBUTES`), -1 in rows without an object;
       `mass` (N,) float32, relative, NaN where it is not known (the release withholds it); `present` (N,) bool

@@ -56,7 +56,7 @@ class Perception:
 
     @property
     def camera(self) -> Camera:
-        """That took the video; CLEVRER's where no tracks tell."""
+        """The camera that took the video. It is CLEVRER's if there are no tracks."""
         return CLEVRER_CAMERA if self.tracks is None else self.tracks.camera
 
 
@@ -72,7 +72,7 @@ class Pipeline:
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         video: what is expected of videos; None for CLEVRER's.
-        camera: that took the videos.
+        camera: the camera that took the videos.
 
     Attributes:
         progress: whether a bar shows how far the frame parser is; False at first.
@@ -267,7 +267,7 @@ class Pipeline:
             from_frame: a frame of the video.
 
         Raises:
-            VideoError: as of `perceive`.
+            VideoError: see `perceive`.
             DataError: no or several objects fit the words, an intervention is impossible (says why with the numbers), or the
                 backend does not simulate: networks only remove one object from frame 0.
         """
@@ -287,7 +287,7 @@ class Pipeline:
         """Which laws of CLEVRER's world a video breaks, by which objects, and when; see `nsdr.judge`.
 
         Raises:
-            VideoError: as of `perceive` and of `nsdr.judge`.
+            VideoError: as in `perceive` and `nsdr.judge`.
         """
         wrong = check_video(video, self.video).unfit
         if not wrong or self.video.check != "refuse":

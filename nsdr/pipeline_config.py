@@ -31,7 +31,7 @@ class PipelineConfig(Settings):
         precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where a CPU
             multiplies matrices of it (AMX), else float32.
         video: what is expected of videos, and how many frames of them are processed.
-        camera: that took the videos; its images are 480x320.
+        camera: the camera that took the videos; its images are 480x320.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
     """

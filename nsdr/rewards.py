@@ -34,7 +34,7 @@ Options = Sequence[str]
 ProgramTokens = str | Sequence[str]
 """A program's postfix tokens, also as one text."""
 EXPECTED = {
-    "solution": "right answers, so leave out questions without one, as of the test split",
+    "solution": "right answers, so leave out questions without one, such as those of the test split",
     "options": "texts of options",
     "program": "programs, so leave out questions without one",
     "option_programs": "programs of options",

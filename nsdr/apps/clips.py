@@ -124,7 +124,7 @@ class Clips:
         Frames after a cut are judged, too, and are looked at for that.
 
         Raises:
-            VideoError: as of `watch`.
+            VideoError: see `watch`.
         """
         self.watch(path := Path(path))
         with self._working:

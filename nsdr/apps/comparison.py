@@ -40,9 +40,9 @@ def write_comparison(
         path: file to write.
         frames: (320, 480, 3) uint8 RGB each: the video, which drawn frames continue.
         simulation: of that video.
-        preset: as of `nsdr.io.video.write_video`.
+        preset: see `nsdr.io.video.write_video`.
         progress: called before each frame with the number of frames that are done, and of all.
-        camera: that took the video.
+        camera: the camera that took the video.
 
     Raises:
         DataError: PyAV is missing.
@@ -75,7 +75,7 @@ def comparison_frames(
         simulation: what was simulated.
         original: (320, 480, 3) uint8 RGB: the video, and what follows it.
         changed: as many rendered frames of the changed world.
-        camera: that took the video.
+        camera: the camera that took the video.
 
     Yields:
         (688, 960, 3) uint8 RGB.

@@ -47,7 +47,7 @@ DROP_PX = 120
 EXAMPLES = 5
 """Buttons with questions about the clip."""
 PRESET = "veryfast"
-"""Of the videos, as of `nsdr.io.video.write_video`: visitors wait for them."""
+"""The preset of the videos, see `nsdr.io.video.write_video`: visitors wait for them."""
 INTRODUCTION = """# Ask a video
 Pick or upload a clip of colliding objects, look at what was found in it, then ask, change something and see what happens, or
 see which laws it breaks."""

@@ -79,8 +79,8 @@ class Example(NamedTuple):
 
     Attributes:
         scene_index: index of the video.
-        words: word indices, as of `Vocabulary.encode_text`.
-        program: program token indices, as of `Batch.program`; empty where they are not needed.
+        words: word indices, as in `Vocabulary.encode_text`.
+        program: program token indices, as in `Batch.program`; empty where they are not needed.
         is_choice: whether the text is an option.
         is_plain: whether the question is about objects alone.
         answer: index of the answer; -1 where the file has none, or one that did not occur in training.

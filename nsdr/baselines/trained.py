@@ -220,6 +220,6 @@ def masked_scores(scores: Tensor, is_choice: Tensor, possible: Tensor) -> Tensor
     Args:
         scores: (B, answers).
         is_choice: (B,) bool, which texts are options.
-        possible: (2, answers) bool, as of `Vocabulary.possible_answers`.
+        possible: (2, answers) bool, as in `Vocabulary.possible_answers`.
     """
     return scores.masked_fill(~possible[is_choice.long()], float("-inf"))

@@ -134,10 +134,10 @@ def baselines(
     Args:
         proposals: of the truth's video; the given frames are read alone.
         config: of the tracker.
-        camera: that took the video.
+        camera: the camera that took the video.
         weights: checkpoint of the backends.
         truth: what really follows.
-        device: where the backends' networks run, as of `Pipeline.from_pretrained`.
+        device: where the backends' networks run, as in `Pipeline.from_pretrained`.
 
     Raises:
         VideoError: no object is found in the given frames.
@@ -191,7 +191,7 @@ def bullet_runs(
     Args:
         document: content of the truth file.
         truth: what really follows.
-        error_world: of positions, as of `nsdr.generate.physics.disturbed.disturbed` (world units).
+        error_world: of positions, as in `nsdr.generate.physics.disturbed.disturbed` (world units).
         runs: number of runs.
         physics: of the scene.
     """

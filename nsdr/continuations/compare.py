@@ -109,8 +109,8 @@ def compare_videos(
         split: the videos that are expected; "" for those of all splits.
         checkpoint: weights.
         settings: of perception; None for the defaults. The camera is the data set's.
-        engine, workers: as of `nsdr.io.tasks.run_tasks`.
-        device: where the networks of every process run, as of `Pipeline.from_pretrained`.
+        engine, workers: see `nsdr.io.tasks.run_tasks`.
+        device: where the networks of every process run, as in `Pipeline.from_pretrained`.
 
     Returns:
         The report: `table` by row and measure (`value`, 95 % `interval` or None, number of `videos`), `curves` of the measures

@@ -111,7 +111,7 @@ def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: 
 
 
 class _Stretch(NamedTuple):
-    """A fitted stretch of an object's track, and what it is based on, as of `SmoothedTracks`."""
+    """A fitted stretch of an object's track, and what it is based on, as in `SmoothedTracks`."""
 
     motion: Motion
     weight: float
@@ -161,7 +161,7 @@ def frames_in_image(
         location_world: (F, 2) fitted positions; NaN where nothing fits.
         detected: (F,) bool.
         box_xyxy_px: (F, 4) boxes of the detections.
-        camera: that took the video.
+        camera: the camera that took the video.
 
     Returns:
         (F,) bool.

@@ -35,10 +35,10 @@ SECONDS_PER_MINUTE = 60
 
 
 class _ControlFeatures(FeatureCache):
-    """Features as of the videos of a control.
+    """Features of the videos of a control.
 
     Args:
-        folder, needs: as of `FeatureCache`.
+        folder, needs: see `FeatureCache`.
         control: one of `nsdr.evaluation.controls.CONTROLS`.
         indices: the videos that are exchanged with each other.
     """
@@ -48,7 +48,7 @@ class _ControlFeatures(FeatureCache):
         self.control, self.taken = control, exchange(indices) if control == "shuffled" else {}
 
     def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
-        """As of `FeatureCache`: of another video, zeros, or with the frames in reverse order."""
+        """As in `FeatureCache`: of another video, zeros, or with the frames in reverse order."""
         found = super().get(self.taken.get(scene_index, scene_index), needs)
         if self.control == "blind":
             return {kind: np.zeros_like(value) for kind, value in found.items()}

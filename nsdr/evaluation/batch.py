@@ -42,8 +42,8 @@ def parse_videos(
         output: folder to write; `failures.json` in it names what failed and why.
         checkpoint: weights.
         settings: of perception; None for the defaults.
-        engine, workers: as of `nsdr.io.tasks.run_tasks`.
-        device: where the networks of every process run, as of `Pipeline.from_pretrained`.
+        engine, workers: see `nsdr.io.tasks.run_tasks`.
+        device: where the networks of every process run, as in `Pipeline.from_pretrained`.
 
     Raises:
         DataError: the folder holds no videos, or two that would be written to the same file; or another process writes to
@@ -72,7 +72,7 @@ def predict_dynamics(
 
     Args:
         proposals: folder with `proposal_N.json` or `sim_N.json` (also gzipped), one such file, or a compact NPZ.
-        output: folder to write, as of `parse_videos`, like the other arguments.
+        output: folder to write, as in `parse_videos`, like the other arguments.
         form: "predictions" writes the research code's `sim_N.json`, which the released executor reads; "scenes" writes our
             `scene_N.json`.
 
@@ -103,7 +103,7 @@ def judge_videos(
     Args:
         videos: files, animated images or folders of frames.
         report: file to write, .json.
-        checkpoint, settings, engine, workers, device: as of `parse_videos`.
+        checkpoint, settings, engine, workers, device: see `parse_videos`.
 
     Raises:
         DataError: two videos have one name, or one has the folder's; or another process writes to the folder.

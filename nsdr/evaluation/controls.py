@@ -50,7 +50,7 @@ def write_controls(
         split: which videos.
         kinds: some of `CONTROLS`.
         limit: the first n videos and their questions only; 0 for all.
-        workers, engine: as of `nsdr.io.tasks.run_tasks`.
+        workers, engine: see `nsdr.io.tasks.run_tasks`.
 
     Raises:
         DataError: an unknown kind, no videos, fewer than 2 to exchange, `output` is `root` or below its videos, or PyAV is

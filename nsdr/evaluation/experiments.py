@@ -150,7 +150,7 @@ def run_experiment(path: str | Path, output: str | Path = "results", device: str
     Args:
         path: experiment file.
         output: folder for NAME.json and NAME.md.
-        device: where networks run, as of `Pipeline.from_pretrained`; rows of all devices count as the same.
+        device: where networks run, as in `Pipeline.from_pretrained`; rows of all devices count as the same.
 
     Returns:
         The Markdown file.

@@ -188,7 +188,7 @@ def compare_reports(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict
 
     Returns:
         By type `per_question`, of multiple choice also `per_option`, and of tagged options each of `OPTION_TAGS`:
-        `difference` (fraction), its 95 % `interval` as of `difference_interval`, the number `n`, and in how many `only_first`
+        `difference` (fraction), its 95 % `interval` as in `difference_interval`, the number `n`, and in how many `only_first`
         and `only_second` is right.
 
     Raises:

@@ -32,12 +32,12 @@ def score_responses(
 
     Args:
         scenes: questions with their answers.
-        given: the system's answers, as of `read_answers`.
+        given: the system's answers, as in `read_answers`.
         allow_missing: score the answered questions only; else those without an answer count as wrong.
 
     Returns:
         The report of `nsdr.evaluation.score.score_answers`, and
-        `references`: systems that see nothing on the same questions, as of `reference_rows`;
+        `references`: systems that see nothing on the same questions, as in `reference_rows`;
         `responses`: numbers of `questions`, `answered` ones and `scored` ones; ids of the `missing` and of the `unknown`
         questions; `read_as`, how often answers were found in which form; `unread_by_type`; `unread`, each with its id,
         type, problem and first characters; and `failed_options`, for which a submission says "error".
@@ -113,7 +113,7 @@ def format_report(report: Mapping[str, Any], references: bool = True) -> str:
     """The table of `format_table`, the systems that see nothing, and what was not read, is missing or unknown.
 
     Args:
-        report: as of `score_responses`.
+        report: see `score_responses`.
         references: whether to print the systems that see nothing.
     """
     responses = report["responses"]

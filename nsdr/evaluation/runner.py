@@ -73,13 +73,13 @@ class EvaluationConfig(Settings):
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
         counterfactuals: "simulated", or "recording" for the control `nsdr.baselines.keep_recording`.
-        data_set_rules: whether rules of CLEVRER's questions count, as of `nsdr.Executor`; with the paper's semantics.
+        data_set_rules: whether rules of CLEVRER's questions count, as in `nsdr.Executor`; with the paper's semantics.
         truth_source: source of scenes whose observed collisions replace the detected ones; "" for none.
         truth: folder or file that `truth_source` reads.
         cache: folder that keeps scenes for the next run.
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
-        device: where the networks of every process run, as of `Pipeline.from_pretrained`.
+        device: where the networks of every process run, as in `Pipeline.from_pretrained`.
     """
 
     questions: str = ""

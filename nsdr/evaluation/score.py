@@ -31,10 +31,10 @@ def evaluate(
         types: question types to answer.
 
     Returns:
-        The table by question type: fractions 0-1, their 95 % intervals as of `accuracy_interval`, and numbers; also for the
+        The table by question type: fractions 0-1, their 95 % intervals as in `accuracy_interval`, and numbers; also for the
         halves of `nsdr.evaluation.measures`, where the question file has tags; where it has pairs, by kind under `pairs` the
         share of those with both questions right; and where answers have probabilities,
-        `calibration` as of `nsdr.evaluation.measures`. Under `results` every question with its answers. What fails
+        `calibration` as in `nsdr.evaluation.measures`. Under `results` every question with its answers. What fails
         carries its `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the
         number of questions with either. Questions without answers in their file are answered, not scored: their results have
         no `correct`, and `unlabelled` is their number. `notes` has those of scenes (`Scene.notes`) by scene index; a result
@@ -61,7 +61,7 @@ def score_answers(answered: Iterable[tuple[SceneQuestions, Mapping[int, Answer |
             left out.
 
     Returns:
-        The report, as of `evaluate`.
+        The report, as in `evaluate`.
     """
     return _report(
         [

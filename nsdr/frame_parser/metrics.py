@@ -11,7 +11,7 @@ from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
 from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
 Frame = tuple[Tensor, dict[str, Tensor]]
-"""Image (3, H, W) and target, as of `FrameDataset`."""
+"""Image (3, H, W) and target, as in `FrameDataset`."""
 MIN_SCORE = 0.9
 """Detections with a score up to this are ignored (0-1; the paper's threshold for proposals)."""
 MIN_AREA_PX = 60

@@ -139,7 +139,7 @@ class TorchvisionBackbone(nn.Module):
         self.out_channels = fpn_channels
 
     def forward(self, images: Tensor) -> dict[str, Tensor]:
-        """Normalised images (B, 3, H, W) -> levels {"0": (B, C, H/4, W/4), …}, as of `SlimBackbone`."""
+        """Normalised images (B, 3, H, W) -> levels {"0": (B, C, H/4, W/4), …}, as in `SlimBackbone`."""
         levels: dict[str, Tensor] = self.pyramid(images)
         return {name: levels[name] for name in ("0", "1", "2")}
 

@@ -92,7 +92,7 @@ def generate_violations(config: ViolationsConfig, keep_going: bool = False) -> P
     test split, the answers are in `truth/questions_test.json` only.
 
     Raises:
-        DataError: as of `generate_dataset`, or no scene gives an occasion.
+        DataError: as in `generate_dataset`, or no scene gives an occasion.
     """
     root = generate_dataset(config, keep_going)
     for split, indices in config.indices().items():

@@ -253,8 +253,8 @@ class PretrainedPart(Generic[Model]):
         """The part with the weights of a checkpoint.
 
         Args:
-            path_or_id: as of `find_checkpoint`; "" for the shipped weights.
-            device: as of `to`.
+            path_or_id: see `find_checkpoint`; "" for the shipped weights.
+            device: see `to`.
             options: arguments of the constructor.
 
         Raises:

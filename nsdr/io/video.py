@@ -97,7 +97,7 @@ def read_frames(
     """Frames of `read_video` one by one, (320, 480, 3) each, with its errors.
 
     Args:
-        path, fps: as of `read_video`.
+        path, fps: see `read_video`.
         layout: which part of the frames to use; None for all.
         late: gets, for each frame, how much later it was taken than at 25 a second (frames).
         note: gets what is unusual about the video, until the last frame was read; None gives Python warnings.
@@ -124,7 +124,7 @@ def sample_frames(path: str | Path, seconds: float, spacing: int, fps: float = 0
     """Every `spacing`-th frame, at 25 frames a second, of the first seconds of a video; notes nothing.
 
     Raises:
-        VideoError: as of `read_video`.
+        VideoError: see `read_video`.
     """
     path = Path(path)
     frames: list[NDArray[np.uint8]] = []
@@ -149,7 +149,7 @@ def window_frames(path: Path, start: int, stop: int) -> Sequence[NDArray[np.uint
     frames where the video ends before `stop`. Warns of nothing.
 
     Raises:
-        VideoError: as of `read_video`.
+        VideoError: see `read_video`.
     """
     if not path.is_file() or abs(frame_rate(path) - FPS) > RATE_TOLERANCE:
         return list(sample_frames(path, stop / FPS, 1).frames[start:stop])
@@ -160,7 +160,7 @@ def video_seconds(path: str | Path, fps: float = 0.0) -> float:
     """How long a video lasts by its header (seconds); 0 where that does not say. Decodes no video file.
 
     Raises:
-        VideoError: as of `read_video`.
+        VideoError: see `read_video`.
     """
     with opened(Path(path), fps, unsaid) as video:
         return video.seconds
@@ -170,7 +170,7 @@ def frame_rate(path: str | Path) -> float:
     """A video's frames per second by its header.
 
     Raises:
-        VideoError: as of `read_video`.
+        VideoError: see `read_video`.
     """
     with opened(Path(path), 0.0, unsaid) as video:
         return video.rate

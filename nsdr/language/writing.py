@@ -11,7 +11,7 @@ class Writer:
     """The texts of one program by a set of rules.
 
     Args:
-        rules: rules by symbol, as of `nsdr.language.rules.Rules`.
+        rules: rules by symbol, as in `nsdr.language.rules.Rules`.
         slots: symbols of slots, and the words that stand for them.
         program: tokens, with `#i` for slot i.
         forms: of each slot, the words that may stand for it, with "" if it may be left out.

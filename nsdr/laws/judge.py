@@ -58,8 +58,8 @@ def judge(
     Args:
         proposals: of the video's frames.
         tracker: thresholds of the tracker.
-        camera: that took the video.
-        late: (F,) how much later each frame was taken than at 25 frames a second, as of videos with another rate (frames);
+        camera: the camera that took the video.
+        late: (F,) how much later each frame was taken than at 25 frames a second, as in videos with another rate (frames);
             None for not at all.
 
     Returns:

@@ -100,11 +100,11 @@ class AutoParser(Parser):
 
     @classmethod
     def from_pretrained(cls, path_or_id: str | Path = "", device: str = "auto", extensions: bool = False) -> Self:
-        """The rules, and the networks of a checkpoint, as of `PretrainedPart.from_pretrained`."""
+        """The rules, and the networks of a checkpoint, as in `PretrainedPart.from_pretrained`."""
         return cls.from_checkpoint(find_checkpoint(path_or_id or "default"), extensions).to(device)
 
     def to(self, device: str) -> Self:
-        """Where the networks run, once they are loaded, as of `PretrainedPart.to`; returns the parser itself."""
+        """Where the networks run, once they are loaded, as in `PretrainedPart.to`; returns the parser itself."""
         self._device = device if device == "auto" else str(resolve_device(device))
         if "second" in vars(self):
             self._moved(self.second)
@@ -124,7 +124,7 @@ class AutoParser(Parser):
         return parser.to(self._device) if self._device and hasattr(parser, "to") else parser
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As of `Parser`. A program that is not of the rules has a note that says how its text was read."""
+        """See `Parser`. A program that is not of the rules has a note that says how its text was read."""
         found = self.grammar.parse_batch(texts, kind)
         unread: list[int] = []
         for i, text in enumerate(texts):

@@ -45,7 +45,7 @@ class GrammarParser(Parser):
         self.extensions = extensions
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As of `Parser`; misspelt words that are corrected are noted."""
+        """See `Parser`; misspelt words that are corrected are noted."""
         found: list[Program | NsdrError] = []
         for text in texts:
             try:

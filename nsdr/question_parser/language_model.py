@@ -67,7 +67,7 @@ class LanguageModelParser(Parser):
         self.model = model or self._only_model()
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As of `Parser`, one text after the other."""
+        """As in `Parser`, one text after the other."""
         found: list[Program | NsdrError] = []
         for text in texts:
             try:

@@ -79,7 +79,7 @@ class QuestionParser(PretrainedPart, Parser):
         return network.config, {"words": self.tokenizer.words, "program_tokens": PROGRAM_TOKENS}
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As of `Parser`; a program with a probability of less than `MIN_PROBABILITY` is an error."""
+        """See `Parser`; a program with a probability of less than `MIN_PROBABILITY` is an error."""
         found: dict[int, Program | NsdrError] = {}
         readable = []
         for i, text in enumerate(texts):

@@ -83,7 +83,7 @@ class Program:
         """Parse and check a program.
 
         Args:
-            source: as of `program_tokens`.
+            source: see `program_tokens`.
 
         Raises:
             ProgramError: an unknown token, a wrong type, or values left over; names the token and its number.

@@ -53,7 +53,7 @@ class World:
 
     Args:
         scene: the scene.
-        simulate: as of `nsdr.symbolic.quantities.Quantities`.
+        simulate: see `nsdr.symbolic.quantities.Quantities`.
 
     Attributes:
         objects: identities.

@@ -116,7 +116,7 @@ def ground_location(
         centroid_px: (N, 2) mask centroids (column, row).
         box_xyxy_px: (N, 4) mask bounds.
         hidden: (N, 4) bool from `hidden_sides`.
-        camera: that took the image, of 480x320 pixels.
+        camera: the camera that took the image, of 480x320 pixels.
 
     Returns:
         (N, 2) world (x, y) of the objects' centres; NaN where an outline lies above the horizon.

@@ -296,7 +296,7 @@ def tracks_from_annotation(annotation: Mapping[str, Any], camera: Camera = CLEVR
 
     Args:
         annotation: validated content of an annotation file: its `object_property` and `motion_trajectory`.
-        camera: that took the video.
+        camera: the camera that took the video.
     """
     size = np.array([WIDTH_PX, HEIGHT_PX])
     tracks: list[Track] = []

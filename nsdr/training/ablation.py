@@ -45,7 +45,7 @@ def run_ablation(train: Callable[[int, str], str], sizes: str, run_dir: str, que
 
     Args:
         train: trains with so many programs in a run folder, and returns the folder of the checkpoint.
-        sizes: numbers of programs, as of `parse_sizes`.
+        sizes: numbers of programs, as in `parse_sizes`.
         run_dir: folder of the ablation.
         questions: question file with programs and answers, to evaluate on.
         truth: folder with `truth_N.json` of its scenes.

@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> str:
     """Average from command-line arguments; returns the folder of the mean.
 
     Raises:
-        CheckpointError, DataError: as of `average_checkpoints`.
+        CheckpointError, DataError: see `average_checkpoints`.
     """
     about = "Write the mean of the weights of checkpoints of the same network."
     parser = jsonargparse.ArgumentParser(prog="nsdr train average", description=about, exit_on_error=False)

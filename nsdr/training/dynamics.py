@@ -87,7 +87,7 @@ class StateModelTask(TrackTask):
         Returns:
             location: (B, N, K, 2) float32, noisy, rotated and mirrored (world units); outside the video extrapolated.
             reliable: (B, N, K) bool, False outside the video.
-            static, exists, until: as of `targets`.
+            static, exists, until: see `targets`.
         """
         scenes, frames, noise, yaw, mirror = drawn
         index, rows = frames[:, None] + offsets, scenes[:, None]

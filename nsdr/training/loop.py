@@ -316,7 +316,7 @@ def train_part(
         The folder of the checkpoint.
 
     Raises:
-        FloatingPointError, DataError: as of `train`.
+        FloatingPointError, DataError: see `train`.
     """
     metrics = train(task, config.loop, config.run_dir, resolved(config) | {**(inputs or {})})
     output: str = config.output or f"{config.run_dir}/checkpoint"

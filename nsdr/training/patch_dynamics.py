@@ -80,7 +80,7 @@ class PatchModelTask(TrackTask):
         Returns:
             boxes: (B, N, K, 4) float32, noisy, in units of `BOX_SCALE`.
             reliable: (B, N, K) bool.
-            static, exists, until: as of `targets`.
+            static, exists, until: see `targets`.
         """
         scenes, frames, noise, mirror = map(np.stack, zip(*examples, strict=True))
         n = noise.shape[1]
@@ -167,7 +167,7 @@ class ImageModelTask(PatchModelTask):
         return cast(NDArray[np.uint8], np.load(self._files[int(scene)], mmap_mode="r"))
 
     def collate(self, examples: Sequence[_Window]) -> dict[str, Tensor]:
-        """As of `PatchModelTask`, and `patches` (B, N, K, 4, cells, cells) float32 in 0-1."""
+        """As in `PatchModelTask`, and `patches` (B, N, K, 4, cells, cells) float32 in 0-1."""
         patches = []
         for example in examples:
             frames = np.maximum(example.frame + self._offsets(), 0)

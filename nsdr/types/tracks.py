@@ -112,7 +112,7 @@ class VideoTracks(Checked):
     Attributes:
         n_frames: number of frames of the video.
         tracks: one per object, in the order of object ids.
-        camera: that took the video; the positions follow from it.
+        camera: the camera that took the video; the positions follow from it.
         notes: what a user should know about the video and how it was tracked, one sentence each.
     """
 

@@ -102,8 +102,8 @@ def write_annotated_video(
     Args:
         path: file to write.
         frames: (T, 320, 480, 3) uint8 RGB.
-        proposals, tracks, scene: as of `annotated_image`.
-        preset: as of `nsdr.io.video.write_video`.
+        proposals, tracks, scene: see `annotated_image`.
+        preset: see `nsdr.io.video.write_video`.
 
     Raises:
         DataError: PyAV is missing.

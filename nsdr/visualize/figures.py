@@ -46,7 +46,7 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, came
     Args:
         prediction: from a dynamics backend.
         removed: id of the object whose removal is drawn; None draws the observed rollout.
-        camera: that sees the shaded part of the ground.
+        camera: the camera that sees the shaded part of the ground.
 
     Returns:
         A matplotlib figure.

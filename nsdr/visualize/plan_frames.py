@@ -46,7 +46,7 @@ def draw_plan(
         yaw: (n, F) rotations about the vertical axis (radians).
         frame: which one.
         ghost: another rollout and its yaws, whose outlines are drawn in grey.
-        camera: that sees the bright part.
+        camera: the camera that sees the bright part.
 
     Returns:
         (320, 480, 3) uint8 RGB.

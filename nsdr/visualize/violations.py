@@ -64,7 +64,7 @@ def judged_video(pipeline: Pipeline, row: Mapping[str, Any]) -> JudgedVideo:
     """A row of a report of `nsdr judge`, with pictures if the video breaks a law.
 
     Raises:
-        VideoError: as of `Pipeline.proposals`.
+        VideoError: see `Pipeline.proposals`.
     """
     path = str(row["video"])
     if "error" in row:

@@ -204,7 +204,7 @@ def features_of(
         device: where networks run.
 
     Returns:
-        As of `Features.get`.
+        See `Features.get`.
 
     Raises:
         DataError: an annotation where the network learnt from pixels, or the source cannot be read.

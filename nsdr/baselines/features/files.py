@@ -59,7 +59,7 @@ class FeatureConfig(Settings):
         kinds: what is written: "pooled", "maps" (of a ResNet's third stage, or of the frame parser's pyramid) and "objects".
         detector: checkpoint of the frame parser that finds the objects.
         max_objects: objects of a video; those that are seen in most frames.
-        precision: number format of the backbone, "float32" or "bfloat16"; "auto" as of `nsdr.io.device`.
+        precision: number format of the backbone, "float32" or "bfloat16"; "auto" as in `nsdr.io.device`.
 
     Raises:
         DataError: a value out of its range; names it.
@@ -320,7 +320,7 @@ class FeatureCache:
         return fingerprint(inputs=[p for p in (self.folder / MANIFEST, self.folder / LEDGER) if p.is_file()])
 
     def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
-        """As of `Features`.
+        """See `Features`.
 
         Raises:
             DataError: the folder lacks the kind or the video, or a file is damaged; names it.

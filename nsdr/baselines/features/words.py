@@ -62,7 +62,7 @@ def detected_features(proposals: VideoProposals, config: WordConfig) -> dict[str
         config: the settings.
 
     Returns:
-        As of `truth_features`. Objects are those of `linked_boxes`: their boxes are of what can be seen of them.
+        As in `truth_features`. Objects are those of `linked_boxes`: their boxes are of what can be seen of them.
     """
     frames = np.arange(proposals.n_frames) if proposals.processed is None else proposals.processed
     attribute, boxes = linked_boxes(proposals, config.max_objects)

@@ -165,7 +165,7 @@ class Iep(Modular):
         initialise(self, nn.init.kaiming_normal_)
 
     def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
-        """As of `Modular`, with (N, F, h, w, width) everywhere; a module without arguments reads the features."""
+        """As in `Modular`, with (N, F, h, w, width) everywhere; a module without arguments reads the features."""
         value: Tensor = self.program_modules[instruction](*(arguments or [features]))
         return value
 
@@ -193,7 +193,7 @@ class TbdNet(Modular):
         initialise(self, nn.init.kaiming_normal_)
 
     def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
-        """As of `Modular`: masks are (N, F, h, w, 1), encodings (N, F, h, w, width)."""
+        """As in `Modular`: masks are (N, F, h, w, 1), encodings (N, F, h, w, width)."""
         whole = torch.ones_like(features[..., :1])
         if instruction in WHOLE_VIDEO:
             return whole

@@ -68,7 +68,7 @@ def read_answers(path: str | Path) -> dict[QuestionKey, Given]:
 
 
 def read_given(question: Question, given: Given) -> Response:
-    """What an answer says: of a response as of `read_response`; judgements of choices must be complete."""
+    """What an answer says: of a response, what `read_response` gives; judgements of choices must be complete."""
     if isinstance(given, str):
         return read_response_to(question, given)
     ids = [c.id for c in question.choices]

@@ -166,7 +166,7 @@ def check_truth(truth: Any, where: str = "") -> None:
     Args:
         truth: content of the file: `scene_index`, `seed`, `objects`, `frames`, `collisions`, `counterfactual`, and `n_frames`
             where the video has not 128.
-        where: as of `check_annotation`.
+        where: see `check_annotation`.
 
     Raises:
         DataError: names the location in the file and what was expected there.

@@ -163,7 +163,7 @@ def search_collisions(
     evidence, given the others, is for it.
 
     Args:
-        states, candidates, config: as of `CollisionSearch`.
+        states, candidates, config: see `CollisionSearch`.
     """
     search = CollisionSearch(states, candidates, config)
     probability = dict(search.probability)

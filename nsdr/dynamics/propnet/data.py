@@ -155,7 +155,7 @@ def read_image_dataset(
         limit: maximum number of scenes; None for all.
 
     Returns:
-        The motion of S scenes, and S files with patches (n, F, 4, cells, cells) uint8 as of `object_patches`.
+        The motion of S scenes, and S files with patches (n, F, 4, cells, cells) uint8 as in `object_patches`.
 
     Raises:
         DataError: a missing or unreadable file, or no scene that fits.

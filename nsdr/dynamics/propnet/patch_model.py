@@ -197,7 +197,7 @@ class ImageModel(PatchNetwork):
         """One step.
 
         Args:
-            boxes, static, exists: as of `PatchModel`.
+            boxes, static, exists: see `PatchModel`.
             patches: (B, N, window, 4, cells, cells) in 0-1, red, green, blue and mask around each box's centre.
 
         Returns:

@@ -211,7 +211,7 @@ class ImagePredictor(PatchPredictor):
     def predict(
         self, tracks: VideoTracks, observed: Sequence[Event] | None = None, pixels: VideoPixels | None = None
     ) -> DynamicsPrediction:
-        """As of `PatchPredictor`, with the video's pixels.
+        """As in `PatchPredictor`, with the video's pixels.
 
         Raises:
             DataError: no pixels are given, or they are not those of the tracks.

@@ -36,7 +36,7 @@ def patch_boxes(
         box_px: (..., F, 4) as in `MotionStates`.
         reliable: (..., F).
         margin: frames before the first one, continued in a straight line.
-        camera: that took the video.
+        camera: the camera that took the video.
 
     Returns:
         (..., margin + F, 4) in units of `BOX_SCALE`.

@@ -121,11 +121,11 @@ def clip_frames(
         path: video file.
         config: what is expected; None for CLEVRER's videos.
         beyond_cuts: whether frames after a cut are processed, too: where objects jump, a video may seem to have one.
-        late: as of `nsdr.io.video.read_frames`.
+        late: see `nsdr.io.video.read_frames`.
         note: gets all that is unusual, until the last frame was read; None gives Python warnings.
 
     Raises:
-        VideoError, DataError: as of `check_video`, or no frame shows anything; before the first frame.
+        VideoError, DataError: as in `check_video`, or no frame shows anything; before the first frame.
     """
     config, note = config or VideoConfig(), note or as_warnings(path)
     check = check_video(path, config)

@@ -115,7 +115,7 @@ def scene_records(
 
 
 def reasoner(scene: Scene, length: Length) -> Callable[[Question], str | None]:
-    """What tells the reasoning of a question's right answer, as of `nsdr.narrate`, with the tagged answer as its last line.
+    """What tells the reasoning of a question's right answer, as in `nsdr.narrate`, with the tagged answer as its last line.
 
     It gives None for a question without programs or answers, one that the scene cannot answer (annotations know nothing of the
     time after the video), and one that it answers otherwise than the question's file.

@@ -33,7 +33,7 @@ def disturbed(states: NDArray[np.float64], error_world: float, rng: np.random.Ge
     """States (n, 13) that are off by normal errors; what rests is known to rest.
 
     Args:
-        states: as of `states_at`.
+        states: see `states_at`.
         error_world: standard deviation of each coordinate of positions (world units). Velocities, yaws and masses have errors
             in proportion.
         rng: source of the errors.
