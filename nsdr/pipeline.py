@@ -280,8 +280,7 @@ class Pipeline:
         else:
             name = type(self.dynamics).__name__
             found = simulate_removal(seen.dynamics, interventions, from_frame, name, seen.camera)
-        notes = distinct(seen.scene.notes, found.notes)
-        return replace(found, scene=replace(found.scene, notes=notes), notes=notes)
+        return replace(found, scene=replace(found.scene, notes=distinct(seen.scene.notes, found.notes)))
 
     def judge(self, video: str | Path) -> Judgement:
         """Which laws of CLEVRER's world a video breaks, by which objects, and when; see `nsdr.judge`.

@@ -1,5 +1,6 @@
 """The well-formed questions that are nearest to a text which was refused."""
 
+import math
 import random
 import re
 from collections.abc import Sequence
@@ -167,7 +168,7 @@ def _common(first: Sequence[str], second: Sequence[str]) -> float:
 
 
 def _weight(words: set[str]) -> float:
-    return sum(FUNCTION_WEIGHT if word in FUNCTION_WORDS else 1.0 for word in words)
+    return math.fsum(FUNCTION_WEIGHT if word in FUNCTION_WORDS else 1.0 for word in words)
 
 
 def _similarity(first: Sequence[str], second: Sequence[str]) -> float:

@@ -47,8 +47,6 @@ class Simulation(ArrayHolder):
             That an object is removed, added or moved is no entrance or exit.
         scene: the changed world, for questions. It holds no objects that are removed from frame 0; ids count what it holds. It
             knows no counterfactual events: simulate again with a further `Remove`.
-        notes: what a user should know about the simulation, one sentence each: how the video differs from CLEVRER's. `scene`
-            has them, too.
     """
 
     objects: tuple[SceneObject, ...]
@@ -62,7 +60,6 @@ class Simulation(ArrayHolder):
     original_events: tuple[Event, ...]
     events: tuple[Event, ...]
     scene: Scene
-    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -72,6 +69,11 @@ class Simulation(ArrayHolder):
         for rollout in (self.original, self.changed):
             found, shape = rollout.visible.shape, self.changed_yaw.shape
             expect(found == shape, "Simulation", f"rollouts of {shape[0]} objects and {shape[1]} frames", found)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know about the simulation, one sentence each: the notes of `scene`."""
+        return self.scene.notes
 
     @property
     def probabilities(self) -> Mapping[Event, float] | None:
