@@ -2,10 +2,10 @@
 
 `python benchmarks/directions.py [--first 500000] [--videos 100]`
 
-Each object of each video is asked about. The truth is the motion of its centre in the image from its first visible frame to its
-last, of the simulation that made the video; an object is stationary if it never moves while visible. Prints how many are
-right, by how probable they were said to be, and the errors of the motion, on which `nsdr.symbolic.quantities.MOTION_ERROR_PX` is based
-(of training seeds: `--first 370000 --videos 40`). About 3 seconds a video on one core.
+Each object of each video is asked about. The truth is the motion of its centre in the image from its first visible frame to
+its last, of the simulation that made the video; an object is stationary if it never moves while visible. Prints how many are
+right, by how probable they were said to be, and the errors of the motion, on which MOTION_ERROR_PX in
+`nsdr/symbolic/quantities.py` is based (of training seeds: `--first 370000 --videos 40`). About 3 seconds a video on one core.
 """
 
 import argparse
