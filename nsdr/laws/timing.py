@@ -106,7 +106,8 @@ class Timing:
     def as_shown(self, e: Evidence) -> Evidence:
         """Evidence with frames of the video in place of frames at their own times."""
         frame, end = self._shown(e.frame), self._shown(e.end)
-        amount = e.amount * (end - frame) / (e.end - e.frame) if e.unit == "frames" else e.amount
+        is_time = e.unit == "frames" and e.end > e.frame
+        amount = e.amount * (end - frame) / (e.end - e.frame) if is_time else e.amount
         return e._replace(frame=frame, end=end, amount=amount)
 
     def _shown(self, slot: int) -> int:
