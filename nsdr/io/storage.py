@@ -87,7 +87,9 @@ def load(kind: type[T], path: str | Path) -> T:
     tree = read_json(path)
     if not isinstance(tree, dict) or "type" not in tree:
         others = "annotations and truth files are read by nsdr.clevrer (`scene_from_annotation`) and `nsdr evaluate`"
-        raise DataError(f"{path}: not written by `nsdr.save` or `nsdr parse-video`, so no {kind.__name__}; {others}")
+        raise DataError(
+            f"{path}: no {kind.__name__} of `nsdr.save` or `nsdr parse-video`: it has no key 'type'; {others}"
+        )
     try:
         value = _decoded(tree, "")
     except (DataError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as e:
