@@ -42,7 +42,7 @@ class BaselineTraining(Settings):
             and its texts.
         texts_per_video: most texts of one video in a batch. `loop.batch_size` counts texts: 64 texts with 8 of each video need
             the features of 8 videos.
-        model: settings of the system, as of its `Config`; what is not given has its default.
+        model: settings of the system (its `Config`); a setting that is not given has its default.
         loop: the optimisation.
     """
 
