@@ -5,6 +5,8 @@ from .claims import (
     verify as verify,
 )
 from .clevrer.dataset import CLEVRER as CLEVRER
+from .dynamics.base import Dynamics as Dynamics, Explanation as Explanation
+from .dynamics.motion_states import MotionStates as MotionStates, states_from_tracks as states_from_tracks
 from .dynamics.physics.predictor import PhysicsPredictor as PhysicsPredictor
 from .dynamics.propnet.patch_model import PatchModel as PatchModel
 from .dynamics.propnet.patch_predictor import PatchPredictor as PatchPredictor

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.base import DynamicsBackend, VideoPixels
-from nsdr.dynamics.interventions import simulate_removal
+from nsdr.dynamics.base import Dynamics, Explanation
+from nsdr.dynamics.motion_states import VideoPixels, states_from_tracks
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
 from nsdr.dynamics.scene import collisions_of, scene_from_prediction
+from nsdr.dynamics.simulation import simulate
 from nsdr.errors import QuestionError, VideoError
 from nsdr.frame_parser.check.video import VideoConfig, check_video, clip_frames
-from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.checkpoint import HasWeights, find_checkpoint
 from nsdr.io.decoding import check_is_video
 from nsdr.io.device import resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
@@ -30,7 +31,7 @@ from nsdr.symbolic.program import ProgramSource
 from nsdr.tracking.localization import size_notes
 from nsdr.tracking.speeds import UNFIT_SPEED, fastest_start, speed_notes
 from nsdr.tracking.tracker import TrackerConfig, existence, track
-from nsdr.types import Answer, DynamicsPrediction, Event, Judgement, Scene, Simulation, VideoProposals, VideoTracks
+from nsdr.types import Answer, Event, Judgement, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 
@@ -51,13 +52,13 @@ class Perception:
 
     proposals: VideoProposals | None
     tracks: VideoTracks | None
-    dynamics: DynamicsPrediction | None
+    explanation: Explanation | None
     scene: Scene
 
     @property
     def camera(self) -> Camera:
-        """The camera that took the video. It is CLEVRER's if there are no tracks."""
-        return CLEVRER_CAMERA if self.tracks is None else self.tracks.camera
+        """The camera that took the video. It is CLEVRER's if there is no explanation."""
+        return CLEVRER_CAMERA if self.explanation is None else self.explanation.camera
 
 
 class Pipeline:
@@ -68,7 +69,7 @@ class Pipeline:
 
     Args:
         frame_parser: `parse(frames) -> VideoProposals`.
-        dynamics: `predict(VideoTracks, collisions or None) -> DynamicsPrediction`.
+        dynamics: `explain(MotionStates, collisions or None) -> Explanation`.
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         video: what is expected of videos; None for CLEVRER's.
@@ -81,7 +82,7 @@ class Pipeline:
     def __init__(
         self,
         frame_parser: "FrameParser",
-        dynamics: DynamicsBackend,
+        dynamics: Dynamics,
         question_parser: Parser,
         tracker: TrackerConfig | None = None,
         video: VideoConfig | None = None,
@@ -139,7 +140,7 @@ class Pipeline:
     def save_pretrained(self, folder: str | Path) -> None:
         """Write the weights of the parts that have any, for `from_pretrained(folder)`."""
         for part in (self.frame_parser, self.dynamics, self.question_parser):
-            if hasattr(part, "save_pretrained"):
+            if isinstance(part, HasWeights):
                 part.save_pretrained(folder)
 
     def to(self, device: str) -> "Pipeline":
@@ -150,7 +151,7 @@ class Pipeline:
         """
         name = str(resolve_device(device))
         for part in (self.frame_parser, self.dynamics, self.question_parser):
-            if hasattr(part, "to"):
+            if isinstance(part, HasWeights):
                 part.to(name)
         return self
 
@@ -187,14 +188,14 @@ class Pipeline:
         video: str | Path | None = None,
         proposals: VideoProposals | None = None,
         tracks: VideoTracks | None = None,
-        dynamics: DynamicsPrediction | None = None,
+        explanation: Explanation | None = None,
         true_scene: Scene | None = None,
     ) -> Perception:
         """All stages up to the scene, starting from the latest that is given.
 
         Args:
             video: a video file.
-            proposals, tracks, dynamics: results of stages, to use instead of computing them.
+            proposals, tracks, explanation: results of stages, to use instead of computing them.
             true_scene: a scene whose collisions during the video are taken as true, instead of detecting them.
 
         Raises:
@@ -202,9 +203,9 @@ class Pipeline:
                 was found, or all move too far from frame to frame for the video's frame rate.
         """
         key, parts = None, (*self._frame_parsing(), self.tracker, self.dynamics, self.camera)
-        if dynamics is None and tracks is None and proposals is None:
+        if explanation is None and tracks is None and proposals is None:
             if video is None:
-                raise VideoError("give a video, proposals, tracks or a dynamics prediction")
+                raise VideoError("give a video, proposals, tracks or an explanation")
             check_is_video(Path(video))
             key = fingerprint(inputs=[*self._files(video), *([] if true_scene is None else [true_scene])])
             if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
@@ -214,7 +215,7 @@ class Pipeline:
             proposals = self._parsed(self.frames(video, note=notes.append))
             proposals = replace(proposals, notes=distinct(proposals.notes, notes))
         probable = None
-        if dynamics is None:
+        if explanation is None:
             if tracks is None:
                 assert proposals is not None
                 tracks = track(proposals, self.tracker, self.camera)
@@ -230,20 +231,16 @@ class Pipeline:
             if video is not None and self.video.check == "refuse" and fastest_start(tracks) > UNFIT_SPEED:
                 raise VideoError(f"{video}: {speed_notes(tracks)[0]}. --force goes on all the same")
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
-            more: list[Any] = [] if observed is None else [observed]
-            if getattr(self.dynamics, "reads_images", False):
-                if video is None or proposals is None:
-                    raise VideoError("this dynamics backend reads images; give videos in place of proposals or tracks")
-                more = [observed, VideoPixels(self.frames(video, note=unsaid), proposals)]
-            dynamics = checked_result(
-                self.dynamics.predict(tracks, *more), DynamicsPrediction, self.dynamics, "predict"
-            )
-        camera = self.camera if tracks is None else tracks.camera
-        scene = scene_from_prediction(dynamics, probable, camera)
+            pixels = None
+            if video is not None and proposals is not None:
+                pixels = VideoPixels(self.frames(video, note=unsaid), proposals, tracks)
+            found = self.dynamics.explain(states_from_tracks(tracks, pixels), observed)
+            explanation = checked_result(found, Explanation, self.dynamics, "explain")  # type: ignore[type-abstract]
+        scene = scene_from_prediction(explanation.prediction, probable, explanation.camera)
         if tracks is not None:
             unfit = (*speed_notes(tracks), *size_notes(tracks)) if self.video.check != "off" else ()
             scene = replace(scene, notes=distinct(tracks.notes, unfit))
-        perception = Perception(proposals, tracks, dynamics, scene)
+        perception = Perception(proposals, tracks, explanation, scene)
         if key is not None:
             self._kept[key] = (parts, perception)
             while len(self._kept) > KEPT_VIDEOS:
@@ -273,13 +270,9 @@ class Pipeline:
         """
         stage = {VideoProposals: "proposals", VideoTracks: "tracks"}.get(type(video), "video")
         given: dict[str, Any] = {stage: video}
-        seen: Any = self.perceive(**given)
-        backend: Any = self.dynamics
-        if hasattr(backend, "simulate"):
-            found = backend.simulate(seen.tracks, interventions, from_frame)
-        else:
-            name = type(self.dynamics).__name__
-            found = simulate_removal(seen.dynamics, interventions, from_frame, name, seen.camera)
+        seen = self.perceive(**given)
+        assert seen.explanation is not None
+        found = simulate(seen.explanation, interventions, from_frame)
         return replace(found, scene=replace(found.scene, notes=distinct(seen.scene.notes, found.notes)))
 
     def judge(self, video: str | Path) -> Judgement:

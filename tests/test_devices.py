@@ -104,9 +104,9 @@ def test_dynamics_predictors_run_where_their_weights_are(kind, checkpoint, tiny_
     _, proposals = next(iter(read_compact_proposals(tiny_motion[0])))
     tracks = track(proposals)
     predictor = kind.from_pretrained(checkpoint, "cpu")
-    expected = predictor.predict(tracks)
+    expected = predictor.explain(states_from_tracks(tracks)).prediction
     with second_device() as device:
-        assert_same_motion(predictor.to(str(device)).predict(tracks), expected)
+        assert_same_motion(predictor.to(str(device)).explain(states_from_tracks(tracks)).prediction, expected)
 
 
 def test_the_collision_network_runs_where_its_weights_are(tiny_motion) -> None:

@@ -1,11 +1,13 @@
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError, Event, StatePredictor
+from nsdr import DataError, DynamicsPrediction, Event, Explanation, Rollout, StatePredictor
 from nsdr.clevrer.files.annotations import read_truth
+from nsdr.dynamics import StoredExplanation
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_tracks
 from nsdr.dynamics.propnet.data import read_motion_dataset
@@ -16,13 +18,17 @@ from nsdr.dynamics.track_smoothing import frames_in_image, smooth_tracks
 from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
-from nsdr.types import Rollout, SceneObject, Track, VideoTracks
+from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS, horizon_frame
 
 from .test_frame_parser import BLUE, GREEN, RED, as_proposals, moving
 
 SMALL = StateModelConfig(hidden=16)
+
+
+def explained(predictor: StatePredictor, video: VideoTracks) -> DynamicsPrediction:
+    return predictor.explain(states_from_tracks(video)).prediction
 
 
 @pytest.fixture
@@ -85,7 +91,7 @@ def test_a_hidden_object_is_not_reliable() -> None:
 
 
 def test_prediction_has_every_rollout_and_keeps_the_observed_motion(predictor: StatePredictor) -> None:
-    prediction = predictor.predict(tracks())
+    prediction = explained(predictor, tracks())
     assert prediction.observed.location_world.shape == (3, horizon_frame(40) + 1, 2)
     assert not np.isnan(prediction.observed.location_world).any()
     assert set(prediction.counterfactual) == {0, 1, 2}
@@ -102,15 +108,15 @@ def test_prediction_is_deterministic_and_survives_saving(predictor, tmp_path) ->
     from nsdr.io.checkpoint import save_checkpoint
 
     save_checkpoint(tmp_path, "dynamics", predictor.model.state_dict(), SMALL, {})
-    first, second = predictor.predict(tracks()), StatePredictor.from_checkpoint(tmp_path).predict(tracks())
+    first, second = explained(predictor, tracks()), explained(StatePredictor.from_checkpoint(tmp_path), tracks())
     np.testing.assert_array_equal(first.observed.location_world, second.observed.location_world)
     assert first.observed.collisions == second.observed.collisions
 
 
 def test_a_video_with_one_object_or_none(predictor: StatePredictor) -> None:
-    one = predictor.predict(track(as_proposals(moving(range(40), RED, 50, 4))))
+    one = explained(predictor, track(as_proposals(moving(range(40), RED, 50, 4))))
     assert one.observed.collisions == ()
-    none = predictor.predict(VideoTracks(128, ()))
+    none = explained(predictor, VideoTracks(128, ()))
     assert none.objects == ()
     assert dict(none.counterfactual) == {}
 
@@ -134,7 +140,7 @@ def test_removal_changes_only_what_depends_on_the_removed_object() -> None:
     rows += moving(range(n), BLUE, 300, 0) + moving(range(n), GREEN, 30, 0)
     video = track(as_proposals(rows, n))
     ids = {t.object.color: t.object.id for t in video.tracks}
-    prediction = StatePredictor(_Script(SMALL)).predict(video)
+    prediction = explained(StatePredictor(_Script(SMALL)), video)
     hits = [e.objects for e in prediction.observed.collisions if e.frame < n]
     assert hits == [tuple(sorted((ids["red"], ids["blue"])))]
     without_green = prediction.counterfactual[ids["green"]]
@@ -191,9 +197,10 @@ def test_rollouts_are_measured_from_what_was_known_at_their_start() -> None:
     shown = []
 
     class Remembers:
-        def continue_motion(self, states: MotionStates) -> Rollout:
+        def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
             shown.append(states)
-            return Rollout(np.zeros((1, 70, 2)), np.zeros((1, 70), bool), ())
+            still = Rollout(np.zeros((1, 90, 2)), np.zeros((1, 90), bool), ())
+            return StoredExplanation(DynamicsPrediction(states.objects, states.n_frames, still))
 
     video = track(as_proposals(rows + moving(range(46, 60), GREEN, 400, -0.4), 60))
     states = states_from_tracks(video)
@@ -333,5 +340,5 @@ def test_an_object_at_the_border_at_the_end_does_not_leave(predictor: StatePredi
     centroid = np.tile([475.0, 150.0], (128, 1))
     o = SceneObject(0, "red", "metal", "sphere")
     track = Track(o, np.arange(128), np.tile([x, y], (128, 1)), centroid, box, np.ones(128))
-    prediction = predictor.predict(VideoTracks(128, (track,)))
+    prediction = explained(predictor, VideoTracks(128, (track,)))
     assert prediction.observed.visible[0, :128].all()

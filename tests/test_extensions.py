@@ -8,7 +8,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nsdr import DataError, Event, ExecutionError, Executor, QuestionError, Scene, SetMass, SetVelocity
+from nsdr import (
+    DataError,
+    Event,
+    ExecutionError,
+    Executor,
+    QuestionError,
+    Scene,
+    SetMass,
+    SetVelocity,
+    states_from_tracks,
+)
 from nsdr.claims.narration import narrate
 from nsdr.claims.verification import verify
 from nsdr.clevrer.answers.prompts import prompt
@@ -388,7 +398,7 @@ def test_the_physics_backend_measures_velocities_and_masses(truths) -> None:
     seen = [e for e in true.events if e.kind == "collision"]
     names = [[true.objects[i].name for i in e.objects] for e in seen]
     events = [replace(e, objects=tuple(sorted(ids[n] for n in pair))) for e, pair in zip(seen, names, strict=True)]
-    scene = scene_from_prediction(PhysicsPredictor(None).predict(tracks, events))  # type: ignore[arg-type]
+    scene = scene_from_prediction(PhysicsPredictor(None).explain(states_from_tracks(tracks), events).prediction)  # type: ignore[arg-type]
     assert scene.physics is not None
     assert scene.physics.velocity_error_world_per_s == 0.02
     answered = 0

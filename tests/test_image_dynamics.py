@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError, VideoError
+from nsdr import DataError
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.annotations import write_annotation
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
-from nsdr.dynamics.base import VideoPixels
-from nsdr.dynamics.motion_states import states_from_tracks
+from nsdr.dynamics.motion_states import VideoPixels, states_from_tracks
 from nsdr.dynamics.propnet.layers import PropNet
 from nsdr.dynamics.propnet.patch_model import ImageModel, PatchModelConfig
 from nsdr.dynamics.propnet.patch_predictor import ImagePredictor
@@ -93,7 +92,7 @@ def scene(root: Path):
 
 def test_patches_show_each_object_alone_at_its_place(root) -> None:
     video, proposals, tracks, states = scene(root)
-    patches = object_patches(read_frames(video), proposals, tracks, states, SMALL)
+    patches = object_patches(VideoPixels(read_frames(video), proposals, tracks), states, SMALL)
     assert patches.shape == (2, VIDEO_FRAMES, 4, 24, 24)
     for i, o in enumerate(states.objects):
         red, _, blue, mask = patches[i, 60].astype(float)
@@ -107,10 +106,10 @@ def test_patches_show_each_object_alone_at_its_place(root) -> None:
 def test_patches_need_masks_and_all_frames(root) -> None:
     video, proposals, tracks, states = scene(root)
     with pytest.raises(DataError, match="need proposals with masks"):
-        object_patches(read_frames(video), replace(proposals, masks=None), tracks, states, SMALL)
+        object_patches(VideoPixels(read_frames(video), replace(proposals, masks=None), tracks), states, SMALL)
     frames = list(read_frames(video))[:100]
     with pytest.raises(DataError, match="has 100 frames, and the tracks have 128"):
-        object_patches(frames, proposals, tracks, states, SMALL)
+        object_patches(VideoPixels(frames, proposals, tracks), states, SMALL)
 
 
 def random_inputs(scenes: int = 2, n: int = 3) -> tuple[torch.Tensor, ...]:
@@ -241,15 +240,17 @@ def test_a_rollout_goes_on_without_images_after_the_video(root) -> None:
         return result
 
     predictor.model.forward = spied
-    prediction = predictor.predict(tracks, None, VideoPixels(read_frames(video), proposals))
+    pixels = VideoPixels(read_frames(video), proposals, tracks)
+    prediction = predictor.explain(states_from_tracks(tracks, pixels))
     assert prediction.observed.location_world.shape == (2, 180, 2)
     assert np.isfinite(prediction.observed.location_world[:, 140]).all()
-    assert sorted(prediction.counterfactual) == [0, 1]
+    assert len(prediction.counterfactual) == 2
+    assert np.isnan(prediction.counterfactual[1].location_world[1]).all()
     assert all(p.shape[2:] == (3, 4, 24, 24) for p in fed)
     for back in (1, 2, 3):  # the last step reads what the three before it have drawn
         torch.testing.assert_close(fed[-1][:, :, -back], drawn[-1 - back])
     with pytest.raises(DataError, match="'paper_images' reads images; give videos"):
-        predictor.predict(tracks)
+        predictor.explain(states_from_tracks(tracks))
 
 
 def test_training_writes_a_checkpoint_that_a_backend_reads(root, tmp_path) -> None:
@@ -276,8 +277,8 @@ def test_training_writes_a_checkpoint_that_a_backend_reads(root, tmp_path) -> No
     for dynamics_backend in (backend, VelocityEvents(backend)):
         pipeline = Pipeline(Parser(), dynamics_backend, None)
         pipeline.frames = read_frames
-        assert pipeline.perceive(video).dynamics is not None
-        with pytest.raises(VideoError, match="reads images; give videos in place of proposals or tracks"):
+        assert pipeline.perceive(video).explanation is not None
+        with pytest.raises(DataError, match="reads images; give videos"):
             pipeline.perceive(proposals=proposals)
 
 
@@ -317,7 +318,7 @@ def test_the_shipped_weights_stand_for_the_default_checkpoint(root) -> None:
         find_checkpoint("dynamics_paper_images")
     ]
     video, proposals, tracks, _ = scene(root)
-    prediction = backend.predict(tracks, None, VideoPixels(read_frames(video), proposals))
+    prediction = backend.explain(states_from_tracks(tracks, VideoPixels(read_frames(video), proposals, tracks)))
     assert prediction.observed.location_world.shape == (2, 180, 2)
 
 

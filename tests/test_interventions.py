@@ -17,7 +17,8 @@ from nsdr import Add, DataError, Event, Executor, Freeze, Move, Remove, SceneObj
 from nsdr.apps.comparison import comparison_frames
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli import simulate as command
-from nsdr.dynamics.interventions import find_object, resolve, simulate_removal
+from nsdr.dynamics import StoredExplanation, simulate, states_from_tracks
+from nsdr.dynamics.interventions import find_object, resolve
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.changed_bodies import change_bodies
 from nsdr.dynamics.physics.config import PhysicsConfig
@@ -75,7 +76,8 @@ def backend(tracks: VideoTracks) -> PhysicsPredictor:
 
 @pytest.fixture(scope="module")
 def simulated(backend: PhysicsPredictor, tracks: VideoTracks) -> Callable[..., Simulation]:
-    return lambda *changes, from_frame=0: backend.simulate(tracks, changes, from_frame)
+    explanation = backend.explain(states_from_tracks(tracks))
+    return lambda *changes, from_frame=0: simulate(explanation, changes, from_frame)
 
 
 def pairs(simulation: Simulation) -> list[tuple[int, ...]]:
@@ -92,15 +94,15 @@ def test_the_scene_as_it_is(simulated) -> None:
 
 
 def test_removal_from_the_start_is_the_counterfactual(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
-    prediction = backend.predict(tracks)
+    explanation = backend.explain(states_from_tracks(tracks))
     for k in range(3):
-        simulation, rollout = backend.simulate(tracks, [Remove(k)]), prediction.counterfactual[k]
+        simulation, rollout = simulate(explanation, [Remove(k)]), explanation.counterfactual[k]
         assert simulation.changed.collisions == rollout.collisions
         np.testing.assert_array_equal(simulation.changed.location_world, rollout.location_world)
         np.testing.assert_array_equal(simulation.changed.visible, rollout.visible)
         found = [(d.event, d.probability) for d in simulation.changed.uncertain or ()]
         assert found == [(d.event, d.probability) for d in rollout.uncertain or ()]
-    assert pairs(backend.simulate(tracks, [Remove(0)])) == []
+    assert pairs(simulate(explanation, [Remove(0)])) == []
 
 
 def test_a_removal_later_keeps_what_was_before(simulated) -> None:
@@ -134,12 +136,13 @@ def test_a_pair_that_meets_again_without_interventions_too_is_nothing_new() -> N
     end = hits[1].frame + 8  # the cylinder is on its way back to the sphere
     backend = PhysicsPredictor(NoDetector(*hits), PhysicsConfig(runs=5))  # type: ignore[arg-type]
     seen = VideoTracks(end, tuple(_track(o, motion.states[o.id, :end, POSITION]) for o in OBJECTS))
-    early, late = (backend.simulate(seen, [SetMass(0, 1.0)], frame) for frame in (0, hits[0].frame + 6))
+    explanation = backend.explain(states_from_tracks(seen))
+    early, late = (simulate(explanation, [SetMass(0, 1.0)], frame) for frame in (0, hits[0].frame + 6))
     assert pairs(early) == [(0, 1), (1, 2)]
     assert pairs(late) == [(0, 1), (1, 2), (0, 1)]
     assert late.original.collisions == late.changed.collisions
     assert early.differences() == late.differences() == ()
-    gone = backend.simulate(seen, [Remove(2)], hits[0].frame + 6).differences()
+    gone = simulate(explanation, [Remove(2)], hits[0].frame + 6).differences()
     assert [e.event.objects for e in gone if e.kind == "no longer" and e.event.frame > end] == [(0, 1)]
 
 
@@ -184,7 +187,9 @@ def test_given_velocities_are_exact() -> None:
         (SetVelocity(0, speed=1), False),
     ):
         changes = resolve([change], OBJECTS, np.ones((3, 5), bool), 0)
-        assert change_bodies(start, changes).exact[:, VELOCITY].all(1).tolist() == [exact, False, False], change
+        assert change_bodies(start, OBJECTS, changes).exact[:, VELOCITY].all(1).tolist() == [exact, False, False], (
+            change
+        )
 
 
 def test_moved_objects_meet_others(simulated) -> None:
@@ -316,7 +321,7 @@ def test_malformed_interventions_are_refused(make: Callable[[], Any], message: s
 def test_objects_that_are_not_in_the_image_yet_or_any_more() -> None:
     visible = np.ones((3, 20), bool)
     visible[0, :5] = visible[1, 12:] = visible[2] = False
-    assert resolve([Remove(0), SetMass(1, 2)], OBJECTS, visible, 0).removed == [0]
+    assert resolve([Remove(0), SetMass(1, 2)], OBJECTS, visible, 0) == (Remove(0), SetMass(1, 2))
     with pytest.raises(
         DataError, match="SetVelocity red metal sphere: it is not in the image at frame 2, it enters at frame 5"
     ):
@@ -334,30 +339,30 @@ def test_words_name_objects() -> None:
 
 def test_backends_without_interventions_remove_one_object(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
     class Other:
-        def predict(self, tracks, observed=None):
-            return backend.predict(tracks, observed)
+        def explain(self, states, collisions=None):
+            return StoredExplanation(backend.explain(states, collisions).prediction, states.camera)
 
     pipeline = Pipeline(SimpleNamespace(), Other(), None)  # type: ignore[arg-type]
     simulation = pipeline.simulate(tracks, [Remove("metal")])
     assert pairs(simulation) == []
     np.testing.assert_array_equal(
-        simulation.changed.location_world, backend.predict(tracks).counterfactual[0].location_world
+        simulation.changed.location_world, backend.explain(states_from_tracks(tracks)).counterfactual[0].location_world
     )
     assert len(simulation.scene.objects) == 2
     for changes, from_frame in (([Freeze(0)], 0), ([Remove(0)], 3), ([Remove(0), Remove(1)], 0)):
         with pytest.raises(
-            DataError, match="backend Other can only remove one object from frame 0; use the backend physics"
+            DataError, match="stored predictions can only remove one object from frame 0; use the backend physics"
         ):
             pipeline.simulate(tracks, changes, from_frame)
     with pytest.raises(DataError, match="no object fits"):
-        simulate_removal(backend.predict(tracks), [Remove("gray")], 0, "Other")
+        pipeline.simulate(tracks, [Remove("gray")])
 
 
 def test_a_pipeline_simulates_with_its_backend(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
     pipeline = Pipeline(SimpleNamespace(), backend, None)  # type: ignore[arg-type]
     simulation = pipeline.simulate(tracks, [Freeze("cylinder")])
     assert simulation.interventions == (Freeze("blue rubber cylinder"),)
-    alone = backend.simulate(tracks, [Freeze(1)])
+    alone = simulate(backend.explain(states_from_tracks(tracks)), [Freeze(1)])
     assert (simulation.events, simulation.changed) == (alone.events, alone.changed)
 
 
@@ -461,17 +466,17 @@ def test_frames_after_the_end_are_refused_before_the_work(monkeypatch) -> None:
 
 
 def test_the_simulated_scene_knows_motion_in_the_image(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
-    scene = backend.simulate(tracks, [Freeze(1)]).scene
+    explanation = backend.explain(states_from_tracks(tracks))
+    scene = simulate(explanation, [Freeze(1)]).scene
     assert scene.motion_px is not None
     assert Executor(scene).run("objects sphere filter_shape unique query_image_direction")
-    of_networks = simulate_removal(backend.predict(tracks), [Remove(0)], 0, "Other", tracks.camera).scene
-    assert of_networks.motion_px is not None
+    assert simulate(StoredExplanation(explanation.prediction), [Remove(0)]).scene.motion_px is not None
 
 
 def test_the_command_writes_a_report_a_video_and_json(
     backend: PhysicsPredictor, tracks: VideoTracks, tmp_path, monkeypatch, capsys
 ) -> None:
-    simulation = backend.simulate(tracks, [Freeze(1)])
+    simulation = simulate(backend.explain(states_from_tracks(tracks)), [Freeze(1)])
     frames = [np.zeros((320, 480, 3), np.uint8)] * FRAMES
 
     class Made:

@@ -15,7 +15,7 @@ from mcp import Client, StdioServerParameters, stdio_client
 from nsdr import DataError, DynamicsPrediction, Event, Pipeline, Remove
 from nsdr.apps.mcp import AgentTools, Change, make_server
 from nsdr.cli.main import main
-from nsdr.dynamics.interventions import simulate_removal
+from nsdr.dynamics import StoredExplanation, simulate
 from nsdr.pipeline import Perception
 from nsdr.types import Rollout
 
@@ -96,7 +96,7 @@ def test_probabilities_that_a_backend_does_not_know_are_left_open(folder, small_
         Rollout(np.zeros((*shape, 2)), np.ones(shape, bool), events)
         for events in ((Event("collision", 2, (0, 1)),), ())
     )
-    simulation = simulate_removal(DynamicsPrediction(objects, 4, none, {2: hit}), [Remove(2)], 0, "Other")
+    simulation = simulate(StoredExplanation(DynamicsPrediction(objects, 4, none, {2: hit})), [Remove(2)])
     pipeline: Any = SimpleNamespace(
         perceive=lambda path: Perception(None, None, None, small_scene), simulate=lambda *arguments: simulation
     )

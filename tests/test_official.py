@@ -17,6 +17,7 @@ from nsdr import (
     Scene,
     SceneObject,
     format_trace,
+    states_from_tracks,
 )
 from nsdr.clevrer.example import TRUTH
 from nsdr.clevrer.files.predictions import (
@@ -252,7 +253,7 @@ def test_paper_semantics_of_the_same_file(document: dict[str, Any]) -> None:
 def test_our_predictions_are_written_as_a_prediction_file(tmp_path) -> None:
     from nsdr import StatePredictor
 
-    prediction = StatePredictor(_Script(SMALL)).predict(tracks(128))
+    prediction = StatePredictor(_Script(SMALL)).explain(states_from_tracks(tracks(128))).prediction
     written = predictions_document(prediction)
     convert(written, PredictionFile)
     write_json(tmp_path / "sim_00000.json", written)

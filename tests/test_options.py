@@ -43,7 +43,6 @@ NAN, INF = float("nan"), float("inf")
         (TrackerConfig, {"min_frames": 1.5}, "min_frames"),
         (PipelineConfig, {"stride": 0}, "stride"),
         (PipelineConfig, {"batch_size": -1}, "batch_size"),
-        (BackendConfig, {"horizon_frame": 10**6}, "horizon_frame"),
         (BackendConfig, {"collisions": "zebra"}, "collisions"),
         (PhysicsConfig, {"runs": 0}, "runs"),
         (PhysicsConfig, {"yaw_noise": -1.0}, "yaw_noise"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import CheckpointError, DataError, DynamicsPrediction, Event, StatePredictor
+from nsdr import CheckpointError, DataError, DynamicsPrediction, Event, Remove, StatePredictor, states_from_tracks
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
 from nsdr.dynamics.physics.collision_search import Evidence, closest_gap, log_odds, search_collisions
@@ -248,32 +248,31 @@ def _first_detection(track: Track) -> Track:
     return replace(track, frame_index=np.zeros(1, int), **{name: getattr(track, name)[:1] for name in names})
 
 
-@pytest.mark.parametrize("name", ["physics", "no shortcut", "state", "paper", "velocity"])
+@pytest.mark.parametrize("name", ["physics", "state", "paper", "velocity"])
 def test_backends_keep_the_contract(name: str, observer: StatePredictor, paper: PatchPredictor) -> None:
-    physics = PhysicsPredictor(observer, PhysicsConfig(runs=3), shortcut=name != "no shortcut")
+    physics = PhysicsPredictor(observer, PhysicsConfig(runs=3))
     backend = {"paper": paper, "state": observer, "velocity": VelocityEvents(physics)}.get(name, physics)
     video = tracks(60)
-    prediction = backend.predict(video)
+    prediction = backend.explain(states_from_tracks(video)).prediction
     assert prediction.observed.location_world.shape == (3, 85, 2)
     assert sorted(prediction.counterfactual) == [0, 1, 2]
     for k, rollout in prediction.counterfactual.items():
         assert np.isnan(rollout.location_world[k]).all()
         assert not rollout.visible[k].any()
         assert all(k not in e.objects for e in rollout.collisions)
-    again = backend.predict(video)
+    again = backend.explain(states_from_tracks(video))
     np.testing.assert_array_equal(again.observed.location_world, prediction.observed.location_world)
-    empty = backend.predict(VideoTracks(20, ()))
+    empty = backend.explain(states_from_tracks(VideoTracks(20, ()))).prediction
     assert isinstance(empty, DynamicsPrediction)
     assert empty.objects == ()
     image = replace(video, n_frames=1, tracks=tuple(_first_detection(t) for t in video.tracks))
-    assert len(backend.predict(image).observed.location_world) == 3
+    assert len(backend.explain(states_from_tracks(image)).observed.location_world) == 3
 
 
 def test_physics_predicts_a_meeting_after_the_video(observer: StatePredictor) -> None:
     start = bodies(("sphere", -3.6, 0.0, 1.0, 0.0), ("sphere", 0.5, 0.0, 0.0, 0.0), ("sphere", 0.0, -1.5, 0.0, 0.0))
-    rollout = PhysicsPredictor(observer, PhysicsConfig(runs=10), horizon_frame=179).continue_motion(
-        seen(run(start), start.shape)
-    )
+    explanation = PhysicsPredictor(observer, PhysicsConfig(runs=10)).explain(seen(run(start), start.shape))
+    rollout = explanation.rollout(frames=180)
     assert [e.objects for e in rollout.collisions] == [(0, 1)]
     assert rollout.collisions[0].frame == pytest.approx(run(start, 180).contacts[0, 0, 1], abs=2)
     assert rollout.unseen_scores is not None
@@ -297,17 +296,17 @@ def test_uncertain_observed_collisions_hold_without_other_objects_too() -> None:
     # No trials: the detector's probabilities stay.
     config = PhysicsConfig(runs=5, trials=0)
     predictor = PhysicsPredictor(Detector((hit, 0.9), (graze, 0.2)), config)
-    scene = predictor._fitted(seen(motion, start.shape), None)
-    observed = scene.rollout(None)
+    scene = predictor.explain(seen(motion, start.shape))
+    observed = scene.rollout()
     assert observed.collisions == (hit,)
     assert [(d.event, d.probability, d.removed) for d in observed.uncertain] == [(hit, 0.9, None), (graze, 0.2, None)]
-    without = scene.rollout(2)
+    without = scene.rollout([Remove(2)])
     assert [e.objects for e in without.collisions] == [(0, 1)]
-    assert [(d.event.objects, d.probability, d.removed) for d in without.uncertain] == [((0, 1), 0.9, 2)]
-    assert [(d.event, d.removed) for d in scene.rollout(0).uncertain] == [(graze, 0)]
-    sure = PhysicsPredictor(Detector((hit, 0.9999)), config)._fitted(seen(motion, start.shape), None)
-    assert sure.rollout(None).uncertain == ()
-    assert sure.rollout(2).uncertain == ()
+    assert [(d.event.objects, d.probability) for d in without.uncertain] == [((0, 1), 0.9)]
+    assert [d.event for d in scene.rollout([Remove(0)]).uncertain] == [graze]
+    sure = PhysicsPredictor(Detector((hit, 0.9999)), config).explain(seen(motion, start.shape))
+    assert sure.rollout().uncertain == ()
+    assert sure.rollout([Remove(2)]).uncertain == ()
 
 
 @pytest.mark.parametrize("first", [0, 30])
@@ -315,20 +314,19 @@ def test_given_collisions_are_kept_at_the_first_frame_and_of_pairs_that_meet_twi
     start = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 1.9, 0.0, 0.0))
     given = [Event("collision", frame, (0, 1)) for frame in (first, 70)]
     predictor = PhysicsPredictor(Detector(*[(event, 1.0) for event in given]), PhysicsConfig(runs=3))
-    scene = predictor._fitted(seen(run(start), start.shape), None)
+    scene = predictor.explain(seen(run(start), start.shape))
     assert list(scene.rollout().collisions) == given
-    assert list(scene.rollout(2).collisions) == given
-    assert scene.rollout(1).collisions == ()
+    assert list(scene.rollout([Remove(2)]).collisions) == given
+    assert scene.rollout([Remove(1)]).collisions == ()
     for from_frame in (0, 40):
-        without_change, _ = scene.original(0, from_frame)
-        assert list(without_change.collisions) == given
+        assert list(scene.rollout(from_frame=from_frame).collisions) == given
 
 
 def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:
     start = bodies(("sphere", -1.5, 0.33, 1.0, 0.0), ("sphere", 0.3, 0.0, 0.0, 0.0))  # a near miss or a graze
     config = PhysicsConfig(runs=40, position_noise_world=0.15)
     states = seen(run(start, 40), start.shape)
-    rollout = PhysicsPredictor(Detector(), config, horizon_frame=150).continue_motion(states)
+    rollout = PhysicsPredictor(Detector(), config).explain(states).rollout(frames=151)
     [one] = rollout.uncertain
     assert 0.05 < one.probability < 0.95
     assert one.probability * 40 == pytest.approx(round(one.probability * 40))
@@ -342,7 +340,7 @@ def test_what_was_seen_briefly_is_known_less_exactly() -> None:
     states, config = seen(run(start, 60), start.shape), PhysicsConfig(runs=1000)
     detected = states.detected.copy()
     detected[2, :50] = False
-    scene = PhysicsPredictor(Detector(), config)._fitted(replace(states, detected=detected), None)
+    scene = PhysicsPredictor(Detector(), config).explain(replace(states, detected=detected))
     errors = scene.perturbations.state  # (R, n, F, 6)
 
     def scale(values: np.ndarray) -> float:
@@ -420,7 +418,8 @@ def test_the_papers_observer_sees_collisions_by_what_comes_after_them() -> None:
 
 def test_late_objects_enter_the_papers_rollouts_from_observation() -> None:
     states = clock_states(31)
-    without_0, without_1 = PatchPredictor(Clock())._without_each(states)  # type: ignore[arg-type]
+    removals = PatchPredictor(Clock()).explain(states).counterfactual  # type: ignore[arg-type]
+    without_0, without_1 = removals[0], removals[1]
     assert np.isnan(without_0.location_world[1, :31]).all()
     assert np.isnan(without_1.location_world[1]).all()
     np.testing.assert_allclose(without_0.location_world[1, 31:100], states.location_world[1, 31:], atol=1e-3)
@@ -446,16 +445,15 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
     assert isinstance(load_backend(folder), PhysicsPredictor)
     assert isinstance(load_backend(folder, "state"), StatePredictor)
     file = tmp_path / "mine.yaml"
-    file.write_text("backend: state\nshortcut: false\nhorizon_frame: 150\ncollisions: velocity\n")
+    file.write_text("backend: state\ncollisions: velocity\n")
     backend = load_backend(folder, file)
     assert isinstance(backend, VelocityEvents)
     assert isinstance(backend.backend, StatePredictor)
-    assert (backend.backend.shortcut, backend.backend.horizon_frame) == (False, 150)
     assert load_backend(folder, "configs/dynamics/physics.yaml").config == PhysicsConfig()  # type: ignore[attr-defined]
-    file.write_text("backend: physics\nhorizon_frame: 150\nshortcut: false\nphysics: {runs: 7}\n")
+    file.write_text("backend: physics\nphysics: {runs: 7}\n")
     physics = load_backend(folder, file)
     assert isinstance(physics, PhysicsPredictor)
-    assert (physics.horizon_frame, physics.shortcut, physics.config.runs) == (150, False, 7)
+    assert physics.config.runs == 7
     with pytest.raises(DataError, match="'magic': expected one of physics, state, paper"):
         load_backend(folder, "magic")
     with pytest.raises(DataError, match="collisions: expected one of predicted, velocity, got"):
@@ -465,11 +463,8 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("physics: {horizon_frame: 150}", "horizon_frame"),
-        ("physics: {shortcut: false}", "shortcut"),
         ("physics: {smoothing: {min_frames: 5}}", "smoothing"),
         ("backend: state\nphysics: {runs: 5}", "physics do nothing with dynamics 'state'"),
-        ("backend: paper\nshortcut: false", "shortcut: false does nothing with dynamics 'paper'"),
     ],
 )
 def test_settings_that_would_do_nothing_are_refused(tmp_path, text: str, message: str) -> None:

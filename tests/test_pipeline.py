@@ -26,6 +26,7 @@ from nsdr import (
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.cli.simulate import _report as report_lines
+from nsdr.dynamics import StoredExplanation
 from nsdr.frame_parser.check.video import VideoCheck
 from nsdr.io.video import read_video, write_video
 from nsdr.pipeline import Perception
@@ -106,7 +107,7 @@ def test_every_stage_can_be_given(pipeline: Pipeline, perception: Perception) ->
     for given in (
         {"proposals": perception.proposals},
         {"tracks": perception.tracks},
-        {"dynamics": perception.dynamics},
+        {"explanation": perception.explanation},
     ):
         again = pipeline.perceive(**given)
         assert again.scene.events == scene.events
@@ -256,10 +257,10 @@ def test_what_is_unusual_and_how_a_question_was_read_stands_in_every_result(
 
 def test_a_replaced_part_takes_effect(pipeline: Pipeline, perception: Perception, monkeypatch) -> None:
     class Still:
-        def predict(self, tracks, observed=None):
-            n = len(tracks.tracks)
+        def explain(self, states, collisions=None):
+            n = len(states.objects)
             rollout = Rollout(np.zeros((n, 180, 2)), np.ones((n, 180), bool), ())
-            return DynamicsPrediction(tuple(t.object for t in tracks.tracks), tracks.n_frames, rollout, {})
+            return StoredExplanation(DynamicsPrediction(states.objects, states.n_frames, rollout))
 
     monkeypatch.setattr(pipeline.frame_parser, "parse", lambda *_, **__: perception.proposals)
     assert pipeline.answer(VIDEO, "How many collisions happen?").answer != "0"

@@ -69,19 +69,19 @@ def _laws() -> Any:
 
 def _physics() -> Any:
     """Of collisions after the video the pairs: their frames depend on the processor."""
-    made = _perception().dynamics
+    made = _perception().explanation.prediction
     rollouts = [made.observed, *(made.counterfactual[k] for k in sorted(made.counterfactual))]
     collisions = [[[min(e.frame, VIDEO_FRAMES), *e.objects] for e in r.collisions] for r in rollouts]
     return [collisions, _places(made.observed.location_world, (0, 60, 120))]
 
 
 def _propnet() -> Any:
-    made = nsdr.StatePredictor.from_pretrained(device="cpu").predict(_perception().tracks)
+    made = nsdr.StatePredictor.from_pretrained(device="cpu").explain(nsdr.states_from_tracks(_perception().tracks))
     return [_events(made.observed.collisions), _places(made.observed.location_world, (0, 60, 120))]
 
 
 def _dynamics() -> Any:
-    made = _perception().dynamics
+    made = _perception().explanation.prediction
     scene = scene_from_prediction(made)
     by_velocity = velocity_collisions(made.observed)
     return [[o.name for o in scene.objects], _events(scene.events), _events(scene.unseen or ()), _events(by_velocity)]

@@ -108,7 +108,8 @@ class Clips:
 
     def answer(self, clip: Clip, question: str, choices: Sequence[str] = ()) -> Answer:
         """`Pipeline.answer` about a clip, with its errors."""
-        scene = replace(clip.perception.scene, dynamics=clip.perception.dynamics)
+        assert clip.perception.explanation is not None
+        scene = replace(clip.perception.scene, dynamics=clip.perception.explanation.prediction)
         with self._asking:
             return self.pipeline.answer(scene, question, list(choices) or None)
 

@@ -13,6 +13,7 @@ from nsdr.generate.render.view import View
 from nsdr.io.video import write_video
 from nsdr.types import Simulation
 from nsdr.types.interventions import intervention_text
+from nsdr.types.scenes import yaws
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 
@@ -49,8 +50,9 @@ def write_comparison(
     """
     s = simulation
     later = slice(s.n_frames, None)
-    following = render_motion(s.objects, s.original.location_world[:, later], s.original_yaw[:, later], View(camera))
-    changed = render_motion(s.objects, s.changed.location_world, s.changed_yaw, View(camera))
+    original, view = s.original, View(camera)
+    following = render_motion(s.objects, original.location_world[:, later], yaws(original)[:, later], view)
+    changed = render_motion(s.objects, s.changed.location_world, yaws(s.changed), view)
 
     def images() -> Iterator[NDArray[np.uint8]]:
         for done, image in enumerate(comparison_frames(s, chain(frames, following), changed, camera)):
@@ -81,12 +83,11 @@ def comparison_frames(
         (688, 960, 3) uint8 RGB.
     """
     s = simulation
-    before = (s.original, s.original_yaw)
     for frame, (left, right) in enumerate(zip(original, changed, strict=True)):
         image = np.full((HEADER_PX + 2 * HEIGHT_PX, 2 * WIDTH_PX, 3), PAPER, np.uint8)
         image[HEADER_PX:-HEIGHT_PX, :WIDTH_PX], image[HEADER_PX:-HEIGHT_PX, WIDTH_PX:] = left, right
-        image[-HEIGHT_PX:, :WIDTH_PX] = draw_plan(s.objects, *before, frame, camera=camera)
-        image[-HEIGHT_PX:, WIDTH_PX:] = draw_plan(s.objects, s.changed, s.changed_yaw, frame, before, camera)
+        image[-HEIGHT_PX:, :WIDTH_PX] = draw_plan(s.objects, s.original, frame, camera=camera)
+        image[-HEIGHT_PX:, WIDTH_PX:] = draw_plan(s.objects, s.changed, frame, s.original, camera)
         image[HEADER_PX:, WIDTH_PX - GAP_PX // 2 : WIDTH_PX + GAP_PX // 2] = PAPER
         image[-HEIGHT_PX - GAP_PX // 2 : -HEIGHT_PX + GAP_PX // 2] = PAPER
         _write_header(image, s, frame)

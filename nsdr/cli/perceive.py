@@ -53,7 +53,7 @@ def parse_video(options: Any) -> int:
 
     perception = pipeline.perceive(options.video)
     scene = perception.scene
-    save(replace(scene, dynamics=_rounded(perception.dynamics)), options.output)
+    save(replace(scene, dynamics=_rounded(perception.explanation.prediction)), options.output)
     if options.proposals_out:
         write_json(options.proposals_out, proposals_document(perception.proposals, Path(options.video).name))
     print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
@@ -69,9 +69,9 @@ def _rounded(dynamics: Any) -> Any:
     """A prediction with positions and speeds to a thousandth of a world unit, which keeps files small."""
 
     def short(rollout: Any) -> Any:
-        speed = rollout.speed_world_per_s
-        speed = None if speed is None else speed.round(DECIMALS)
-        return replace(rollout, location_world=rollout.location_world.round(DECIMALS), speed_world_per_s=speed)
+        names = ("location_world", "speed_world_per_s", "yaw")
+        arrays = {name: value for name in names if (value := getattr(rollout, name)) is not None}
+        return replace(rollout, **{name: value.round(DECIMALS) for name, value in arrays.items()})
 
     counterfactual = {removed: short(rollout) for removed, rollout in dynamics.counterfactual.items()}
     return replace(dynamics, observed=short(dynamics.observed), counterfactual=counterfactual)
@@ -198,11 +198,9 @@ def visualize(options: Any) -> int:
             message = "holds no trajectories for --image plan; make it again with nsdr parse-video"
             raise DataError(f"{options.video}: {message}")
         refuse_for_scene(options)
-    from nsdr.pipeline import Perception
-
     pipeline: Any = make_pipeline(options) if scene is None or options.question else None
-    p = pipeline.perceive(options.video) if scene is None else Perception(None, None, scene.dynamics, scene)
-    removed = p.dynamics.counterfactual if p.dynamics is not None else ()
+    p = pipeline.perceive(options.video) if scene is None else _saved_perception(scene)
+    removed = p.explanation.counterfactual if p.explanation is not None else ()
     if options.removed is not None and options.removed not in removed:
         raise DataError(f"--removed {options.removed}: the objects are 0 to {len(p.scene.objects) - 1}")
     answers = [pipeline.answer(p.scene, options.question, options.choice or None)] if options.question else []
@@ -215,6 +213,14 @@ def visualize(options: Any) -> int:
     print_notes(distinct(p.scene.notes, *(answer.notes for answer in answers)))
     errors = [f"{choice.choice!r}: {choice.error}" for answer in answers for choice in answer.choices if choice.error]
     return failures_line(len(errors), len(options.choice), "choices", "".join(errors[:1]), options.keep_going)
+
+
+def _saved_perception(scene: Scene) -> Any:
+    """What is known of the video of a saved scene."""
+    from nsdr.dynamics import StoredExplanation
+    from nsdr.pipeline import Perception
+
+    return Perception(None, None, StoredExplanation(scene.dynamics) if scene.dynamics else None, scene)
 
 
 def _pictures(options: Any, saved: bool) -> list[tuple[str, str]]:
@@ -262,5 +268,5 @@ def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any
     elif image == "strobe":
         write_image(path, stroboscopic_image(frames, p.proposals, p.tracks))
     else:
-        figure = plan_figure(p.dynamics, removed, p.camera) if image == "plan" else causal_figure(p.scene)
+        figure = plan_figure(p.explanation.prediction, removed, p.camera) if image == "plan" else causal_figure(p.scene)
         write_file(path, figure_png(figure))

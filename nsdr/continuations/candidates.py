@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from nsdr.continuations.score import Continuation, TrueFuture
 from nsdr.dynamics.motion_states import extrapolate, states_from_tracks
-from nsdr.dynamics.registry import BackendConfig, load_backend
+from nsdr.dynamics.registry import load_backend
 from nsdr.errors import VideoError
 from nsdr.generate.physics.bullet import BulletConfig, Simulator
 from nsdr.generate.physics.disturbed import bodies_of, disturbed, states_at
@@ -161,15 +161,15 @@ def baselines(
         BASELINES[1]: Continuation(_by_truth(straight, ids, truth), _renamed(_meetings(straight, cut), ids)),
     }
     for name, backend in BACKENDS.items():
-        rollout = _backend(weights, backend, cut + frames - 1, device).continue_motion(states)
+        rollout = _backend(weights, backend, device).explain(states).rollout(frames=cut + frames)
         location = _by_truth(rollout.location_world[:, cut:], ids, truth)
         found[name] = Continuation(location, _renamed(rollout.collisions, ids))
     return found
 
 
 @lru_cache(maxsize=4)
-def _backend(weights: Path, name: str, horizon_frame: int, device: str) -> Any:
-    backend: Any = load_backend(weights, BackendConfig(name, horizon_frame=horizon_frame))
+def _backend(weights: Path, name: str, device: str) -> Any:
+    backend: Any = load_backend(weights, name)
     return backend.to(str(resolve_device(device)))
 
 

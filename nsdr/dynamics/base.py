@@ -1,51 +1,171 @@
-"""What a dynamics backend is: tracks in, rollouts out."""
+"""What explains a video's motion: tracks go in, and rollouts come out, as the video goes on and with changes."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from nsdr.dynamics.interventions import resolve
+from nsdr.dynamics.motion_states import MotionStates
+from nsdr.errors import DataError
+from nsdr.types import DynamicsPrediction, Event, ObjectPhysics, Remove, Rollout, SceneObject
+from nsdr.types.interventions import Intervention
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.physics_constants import horizon_frame
 
-from nsdr.types import DynamicsPrediction, Event, VideoProposals, VideoTracks
-from nsdr.world import physics_constants
-
-__all__ = ["DynamicsBackend", "VideoPixels", "rollout_frames"]
+__all__ = ["Dynamics", "Explanation", "StoredExplanation", "only_removal"]
 
 
-class DynamicsBackend(Protocol):
-    """Predicts motion and collisions: observed, after the video, and with each object removed.
+class Dynamics(Protocol):
+    """A dynamics backend: explains how a video's objects move and collide."""
 
-    A backend with an attribute `reads_images` that is true gets the video's `VideoPixels` as third argument. One with a method
-    `simulate(tracks, interventions, from_frame)` takes interventions (see `nsdr.dynamics.physics.PhysicsPredictor`).
-    """
-
-    def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
-        """Observed motion and collisions, their future, and one rollout per removed object.
+    def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> "Explanation":
+        """Explain the motion of a video.
 
         Args:
-            tracks: the video's objects.
-            observed: the video's collisions, taken as true; None finds them.
-
-        Returns:
-            Rollouts to the horizon (`nsdr.world.physics_constants.horizon_frame`); empty ones for a video without objects.
+            states: the motion of the video's objects.
+            collisions: the video's collisions, taken as true; None finds them.
         """
 
 
-@dataclass(frozen=True, eq=False)
-class VideoPixels:
-    """What a backend on images reads beside the tracks.
+class Explanation(ABC):
+    """An explained video, which can be continued, with all its objects or with changes.
 
-    Attributes:
-        frames: the video's frames (320, 480, 3) uint8 RGB, in order; read once.
-        proposals: the detections that the tracks were made from, with their masks.
+    Subclasses implement `run`.
+
+    Args:
+        objects: identities.
+        n_frames: number of frames of the video.
+        camera: the camera that took the video.
+        physics: velocities during the video and masses; None if the backend does not know them.
     """
 
-    frames: Iterable[NDArray[np.uint8]]
-    proposals: VideoProposals
+    def __init__(
+        self,
+        objects: Sequence[SceneObject],
+        n_frames: int,
+        camera: Camera = CLEVRER_CAMERA,
+        physics: ObjectPhysics | None = None,
+    ) -> None:
+        self.objects = tuple(objects)
+        self.n_frames = n_frames
+        self.camera = camera
+        self.physics = physics
+
+    @abstractmethod
+    def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
+        """The rollout with changes that have been checked. `rollout` calls it.
+
+        Args:
+            changes: interventions whose `object` is an id. Objects to add get the ids after the video's, in order.
+            from_frame: frame of the changes, 0 to `n_frames - 1`.
+            frames: number of frames of the rollout, at least `n_frames`.
+
+        Returns:
+            The rollout of the video's objects and the added ones.
+
+        Raises:
+            DataError: the backend cannot make these changes.
+        """
+
+    def rollout(self, changes: Sequence[Intervention] = (), from_frame: int = 0, frames: int | None = None) -> Rollout:
+        """The video and its continuation.
+
+        Args:
+            changes: interventions; none for the video as it is.
+            from_frame: frame of the video at which they happen.
+            frames: number of frames of the rollout; None for the horizon of CLEVRER's predictive questions
+                (`nsdr.world.physics_constants.horizon_frame`).
+
+        Raises:
+            DataError: an object that is not there, contradicting changes, or one that is impossible.
+        """
+        if changes != () or from_frame:
+            changes = resolve(changes, self.objects, self.observed.visible[:, : self.n_frames], from_frame)
+        return self.run(changes, from_frame, self._length(frames))
+
+    @cached_property
+    def observed(self) -> Rollout:
+        """The video as it is and its continuation to the horizon."""
+        return self.run((), 0, self._length())
+
+    @cached_property
+    def counterfactual(self) -> Mapping[int, Rollout]:
+        """Rollouts to the horizon with one object removed, by its id. Each is computed when it is first asked for."""
+        return _Removals(self)
+
+    @cached_property
+    def prediction(self) -> DynamicsPrediction:
+        """The rollout of the video and those with each object removed, as a record that can be stored."""
+        removals = dict(self.counterfactual)
+        return DynamicsPrediction(self.objects, self.n_frames, self.observed, removals, self.physics)
+
+    def _length(self, frames: int | None = None) -> int:
+        return max(horizon_frame(self.n_frames) + 1 if frames is None else frames, self.n_frames)
 
 
-def rollout_frames(n_frames: int, horizon_frame: int | None = None) -> int:
-    """Length of the rollouts of a video of `n_frames`, whose last frame is `horizon_frame` (None: 7/5 of the video)."""
-    last = physics_constants.horizon_frame(n_frames) if horizon_frame is None else horizon_frame
-    return max(last + 1, n_frames)
+class _Removals(Mapping[int, Rollout]):
+    """Rollouts without each object, computed at the first access."""
+
+    def __init__(self, explanation: Explanation) -> None:
+        self._explanation = explanation
+        self._known: dict[int, Rollout] = {}
+
+    def __getitem__(self, removed: int) -> Rollout:
+        if removed not in range(len(self)):
+            raise KeyError(removed)
+        if removed not in self._known:
+            e = self._explanation
+            self._known[removed] = e.run((Remove(removed),), 0, e._length())
+        return self._known[removed]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(len(self)))
+
+    def __len__(self) -> int:
+        return len(self._explanation.objects)
+
+
+class StoredExplanation(Explanation):
+    """What a stored prediction knows: the video, its continuation, and the removals that were stored with it."""
+
+    def __init__(self, prediction: DynamicsPrediction, camera: Camera = CLEVRER_CAMERA) -> None:
+        super().__init__(prediction.objects, prediction.n_frames, camera, prediction.physics)
+        self.observed, self.counterfactual = prediction.observed, prediction.counterfactual
+        self.prediction = prediction
+
+    def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
+        """The stored rollout; raises `DataError` for one that was not stored."""
+        removed = only_removal(changes, from_frame, "stored predictions")
+        if removed is not None and removed not in self.counterfactual:
+            raise DataError(f"the stored prediction has no rollout without the {self.objects[removed].name}")
+        rollout = self.observed if removed is None else self.counterfactual[removed]
+        stored = rollout.visible.shape[1]
+        if frames > stored:
+            raise DataError(f"frames: the stored rollouts have {stored}, got {frames}")
+        return rollout
+
+    def _length(self, frames: int | None = None) -> int:
+        return self.observed.visible.shape[1] if frames is None else frames
+
+
+def only_removal(changes: Sequence[Intervention], from_frame: int, what: str) -> int | None:
+    """Id of the object that is removed from frame 0, or None without changes, for backends that can make no other change.
+
+    Args:
+        changes: interventions whose `object` is an id.
+        from_frame: their frame.
+        what: the backend, for the error.
+
+    Raises:
+        DataError: any other change.
+    """
+    if not changes:
+        return None
+    first = changes[0]
+    if from_frame == 0 and len(changes) == 1 and isinstance(first, Remove):
+        return int(first.object)
+    asked = ", ".join(type(change).__name__ for change in changes)
+    raise DataError(
+        f"{asked} from frame {from_frame}: {what} can only remove one object from frame 0; use the backend physics"
+    )

@@ -1,12 +1,12 @@
 """Agreement of predicted collisions and motion with what happened."""
 
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
 import numpy as np
 
+from nsdr.dynamics.base import Dynamics
 from nsdr.dynamics.motion_states import MotionStates, first_frames
-from nsdr.types import Event, Rollout
+from nsdr.types import Event
 from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
 
@@ -36,15 +36,8 @@ def same_collisions(
     return len(true) - len(left)
 
 
-class Continues(Protocol):
-    """A predictor that can go on from the last frame it is shown."""
-
-    def continue_motion(self, states: MotionStates) -> Rollout:
-        """The rollout after the last frame of `states`."""
-
-
 def rollout_errors(
-    predictor: Continues, scenes: Sequence[MotionStates], starts: Sequence[int] = (60, 80, 100)
+    dynamics: Dynamics, scenes: Sequence[MotionStates], starts: Sequence[int] = (60, 80, 100)
 ) -> dict[str, float]:
     """Median and 90th percentile (`_p90`) distance (world units) of rollouts from real tracks, 10, 25 and 50 frames ahead.
 
@@ -58,10 +51,11 @@ def rollout_errors(
             here = states.detected[:, :start].any(1)
             if not here.any():
                 continue
-            rollout = predictor.continue_motion(first_frames(states, start))
+            explanation = dynamics.explain(first_frames(states, start))
+            rollout = explanation.rollout(frames=start + max(distances))
             for ahead, collected in distances.items():
                 frame = start - 1 + ahead
-                if frame < min(states.present.shape[1], rollout.location_world.shape[1]):
+                if frame < states.present.shape[1]:
                     seen = states.reliable[here, frame] & states.present[here, start - 1]
                     difference = rollout.location_world[seen, frame] - states.location_world[here, frame][seen]
                     collected += np.hypot(difference[:, 0], difference[:, 1]).tolist()

@@ -1,13 +1,14 @@
 """Tracks as dense arrays: a position for every object and frame, with what is known of its reliability."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.tracking.visibility import hidden_sides
-from nsdr.types import SceneObject, VideoTracks
+from nsdr.types import SceneObject, VideoProposals, VideoTracks
 from nsdr.validation import BoolArray, FloatArray, IntArray
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import MATERIALS, SHAPES
@@ -25,6 +26,21 @@ MIN_LINE_FRAMES = 3
 """Frames of reliable detections near a track's end that suffice for that line; otherwise all detections count."""
 
 
+@dataclass(frozen=True, eq=False)
+class VideoPixels:
+    """The images of a video, for networks that read them beside the tracks.
+
+    Attributes:
+        frames: the video's frames (320, 480, 3) uint8 RGB, in order; they are read once at most.
+        proposals: the detections that the tracks were made from, with their masks.
+        tracks: the tracks.
+    """
+
+    frames: Iterable[NDArray[np.uint8]]
+    proposals: VideoProposals
+    tracks: VideoTracks
+
+
 @dataclass(frozen=True)
 class MotionStates:
     """Ground-plane motion of a video's objects.
@@ -38,6 +54,7 @@ class MotionStates:
         box_px: (n, F, 4) float, centre (column, row), width and height of the box; interpolated between detections.
         patches: (n, F, 4, cells, cells) uint8, image and mask around each object (`nsdr.dynamics.propnet.patches`); None
             for networks that read no images.
+        pixels: the video itself, which patches can be made from; None where there are only tracks.
         camera: the camera that took the video.
     """
 
@@ -48,7 +65,13 @@ class MotionStates:
     present: BoolArray
     box_px: FloatArray
     patches: NDArray[np.uint8] | None = None
+    pixels: VideoPixels | None = None
     camera: Camera = CLEVRER_CAMERA
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames of the video."""
+        return self.present.shape[1]
 
     @property
     def weight(self) -> FloatArray:
@@ -73,8 +96,13 @@ def detections_in(frames: int, spacing_frames: float) -> int:
     return 1 + math.ceil((frames - 1) / spacing_frames)
 
 
-def states_from_tracks(video: VideoTracks) -> MotionStates:
-    """Dense states of all tracks of a video."""
+def states_from_tracks(video: VideoTracks, pixels: VideoPixels | None = None) -> MotionStates:
+    """Dense states of all tracks of a video.
+
+    Args:
+        video: the tracks.
+        pixels: the images that they were made from, for networks that read them.
+    """
     n, frames = len(video.tracks), video.n_frames
     location, detected = np.zeros((n, frames, 2)), np.zeros((n, frames), bool)
     box = np.full((n, frames, 4), np.nan)
@@ -85,7 +113,10 @@ def states_from_tracks(video: VideoTracks) -> MotionStates:
     reliable = detected & ~hidden_sides(box.transpose(1, 0, 2)).any(-1).T
     centre_and_size = np.concatenate([(box[..., :2] + box[..., 2:]) / 2, box[..., 2:] - box[..., :2]], -1)
     objects = tuple(t.object for t in video.tracks)
-    return _filled(MotionStates(objects, location, detected, reliable, detected, centre_and_size, camera=video.camera))
+    measured = MotionStates(
+        objects, location, detected, reliable, detected, centre_and_size, pixels=pixels, camera=video.camera
+    )
+    return _filled(measured)
 
 
 def first_frames(states: MotionStates, n_frames: int) -> MotionStates:
@@ -105,7 +136,7 @@ def first_frames(states: MotionStates, n_frames: int) -> MotionStates:
             frames = np.flatnonzero(whole)
             nearest = np.abs(frames - np.arange(n_frames)[:, None]).argmin(1) if len(frames) else frames
             patches[i] = patches[i, frames[nearest]] if len(frames) else 0
-    return _filled(replace(states, objects=objects, patches=patches, **arrays))
+    return _filled(replace(states, objects=objects, patches=patches, pixels=None, **arrays))
 
 
 def _filled(measured: MotionStates) -> MotionStates:

@@ -5,16 +5,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from nsdr.dynamics.base import DynamicsBackend
+from nsdr.dynamics.base import Dynamics
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.velocity_events import VelocityEvents
 from nsdr.errors import CheckpointError, DataError
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
-from nsdr.io.limits import check_limit
 from nsdr.io.registry import Registry
-from nsdr.validation import Count, Settings, one_of
+from nsdr.validation import Settings, one_of
 
 PATCH_CHECKPOINTS = {"paper": "dynamics_paper", "paper_images": "dynamics_paper_images"}
 """Backends whose network sees patches, and the shipped checkpoint of each beside `default`."""
@@ -30,26 +29,17 @@ class BackendConfig(Settings):
         backend: a name in `BACKENDS`: "physics" (a simulator fitted to the tracks), "state" (PropNet on ground-plane states),
             "paper" (PropNet on patches), "paper_images" (PropNet on patches of images; videos only), or one of another package.
         weights: folder of the trained network, for "paper" and "paper_images"; "" for the checkpoint's, or the shipped ones.
-        shortcut: objects that a removal cannot influence keep their observed motion (not for "paper" and "paper_images").
-        horizon_frame: last frame to predict; None is 7/5 of the video's length.
         collisions: "predicted", or "velocity" for those that changes of velocity alone show (NE).
         physics: of the physics backend.
     """
 
     backend: str = "physics"
     weights: str = ""
-    shortcut: bool = True
-    horizon_frame: Count | None = None
     collisions: Annotated[str, one_of(("predicted", "velocity"))] = "predicted"
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.horizon_frame is not None:
-            check_limit(self.horizon_frame, "frames", "horizon_frame")
 
-
-BackendFactory = Callable[[Path, BackendConfig], DynamicsBackend]
+BackendFactory = Callable[[Path, BackendConfig], Dynamics]
 """(checkpoint folder, settings) -> the backend with its weights."""
 BACKENDS: Registry[BackendFactory] = Registry(
     "dynamics backend (or YAML file)",
@@ -64,27 +54,27 @@ BACKENDS: Registry[BackendFactory] = Registry(
 """Dynamics backends by name; other packages add theirs by entry points of the group `nsdr.dynamics`."""
 
 
-def _physics(folder: Path, config: BackendConfig) -> DynamicsBackend:
+def _physics(folder: Path, config: BackendConfig) -> Dynamics:
     from nsdr.dynamics.collisions.network import TrackCollisionDetector
 
     if (folder / "dynamics.safetensors").exists() and not (folder / "collisions.safetensors").exists():
         remedy = 'give the backend that was saved, such as --dynamics state (in Python, dynamics="state")'
         raise CheckpointError(f"{folder}: has no collisions.safetensors, which dynamics 'physics' needs; {remedy}")
     detector = TrackCollisionDetector.from_checkpoint(folder)
-    return PhysicsPredictor(detector, config.physics, config.shortcut, config.horizon_frame)
+    return PhysicsPredictor(detector, config.physics)
 
 
-def _state(folder: Path, config: BackendConfig) -> DynamicsBackend:
+def _state(folder: Path, config: BackendConfig) -> Dynamics:
     from nsdr.dynamics.propnet.state_predictor import StatePredictor
 
-    return StatePredictor.from_checkpoint(folder, shortcut=config.shortcut, horizon_frame=config.horizon_frame)
+    return StatePredictor.from_checkpoint(folder)
 
 
-def _patches(folder: Path, config: BackendConfig) -> DynamicsBackend:
+def _patches(folder: Path, config: BackendConfig) -> Dynamics:
     from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
 
     predictor = PatchPredictor if config.backend == "paper" else ImagePredictor
-    return predictor.from_checkpoint(_patch_folder(folder, config), horizon_frame=config.horizon_frame)
+    return predictor.from_checkpoint(_patch_folder(folder, config))
 
 
 def _patch_folder(folder: Path, config: BackendConfig) -> Path:
@@ -105,7 +95,7 @@ def _is_default(folder: Path) -> bool:
         return False
 
 
-def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics") -> DynamicsBackend:
+def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics") -> Dynamics:
     """A dynamics backend with its weights.
 
     Args:
@@ -131,8 +121,6 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
     else:
         config = BackendConfig(str(settings))
     BACKENDS.check(config.backend)
-    if config.backend in PATCH_CHECKPOINTS and not config.shortcut:
-        raise DataError(f"shortcut: false does nothing with dynamics {config.backend!r}, which has no shortcut")
     if config.weights and config.backend not in PATCH_CHECKPOINTS:
         raise DataError(f"weights: does nothing with dynamics {config.backend!r}; name the folder by --checkpoint")
     if config.backend in ("state", *PATCH_CHECKPOINTS) and config.physics != PhysicsConfig():

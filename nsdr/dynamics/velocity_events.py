@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 
 from nsdr.clevrer.velocity_rule import velocity_collisions as grid_collisions
-from nsdr.dynamics.base import VideoPixels
-from nsdr.dynamics.motion_states import states_from_tracks
-from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
+from nsdr.dynamics.base import Dynamics, Explanation
+from nsdr.dynamics.motion_states import MotionStates
+from nsdr.io.checkpoint import HasWeights
+from nsdr.types import Event, Rollout
+from nsdr.types.interventions import Intervention
 from nsdr.world.camera import CLEVRER_CAMERA, Camera, grid_from_pixels, on_ground
 
 SAMPLE_STRIDE_FRAMES = 5
@@ -25,40 +27,44 @@ class VelocityEvents:
         backend: predicts motion, given the video's collisions as far as they are detected.
     """
 
-    def __init__(self, backend: Any) -> None:
+    def __init__(self, backend: Dynamics) -> None:
         self.backend = backend
 
     def to(self, device: str) -> "VelocityEvents":
         """Move the backend's networks to a device."""
-        if hasattr(self.backend, "to"):
+        if isinstance(self.backend, HasWeights):
             self.backend.to(device)
         return self
 
-    @property
-    def reads_images(self) -> bool:
-        """Whether the backend does."""
-        return bool(getattr(self.backend, "reads_images", False))
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Write the backend's weights."""
+        if isinstance(self.backend, HasWeights):
+            self.backend.save_pretrained(folder)
 
-    def predict(
-        self, tracks: VideoTracks, observed: Sequence[Event] | None = None, pixels: VideoPixels | None = None
-    ) -> DynamicsPrediction:
-        """Motion with collisions where it changes; see `DynamicsBackend`."""
-        states = states_from_tracks(tracks)
+    def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
+        """Explain the motion with collisions where it changes; see `nsdr.dynamics.Dynamics`."""
         seen = Rollout(states.location_world, states.present, ())
-        before = velocity_collisions(seen, tracks.camera) if observed is None else tuple(observed)
-        prediction = self.backend.predict(tracks, before, *([pixels] if self.reads_images else []))
-        met = {e.objects for e in before}
-        rollout = prediction.observed
-        known = np.arange(rollout.visible.shape[1]) >= tracks.n_frames - LEAD_FRAMES
-        end = replace(rollout, visible=rollout.visible & known)
-        ahead = velocity_collisions(end, tracks.camera)
-        later = [e for e in ahead if e.frame >= tracks.n_frames and e.objects not in met]
-        counterfactual = {
-            k: replace(without, collisions=velocity_collisions(without, tracks.camera), uncertain=None)
-            for k, without in prediction.counterfactual.items()
-        }
-        rollout = replace(rollout, collisions=(*before, *later), unseen_scores=None, uncertain=None)
-        return replace(prediction, observed=rollout, counterfactual=counterfactual)
+        before = velocity_collisions(seen, states.camera) if collisions is None else tuple(collisions)
+        return _VelocityExplanation(self.backend.explain(states, before), before)
+
+
+class _VelocityExplanation(Explanation):
+    """Rollouts of another explanation, with collisions where their motion changes."""
+
+    def __init__(self, motion: Explanation, before: tuple[Event, ...]) -> None:
+        super().__init__(motion.objects, motion.n_frames, motion.camera, motion.physics)
+        self._motion, self._before = motion, before
+
+    def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
+        """The other explanation's rollout, and what its motion shows; raises `DataError` as that does."""
+        rollout = self._motion.run(changes, from_frame, frames)
+        if changes:
+            return replace(rollout, collisions=velocity_collisions(rollout, self.camera), uncertain=None)
+        met = {e.objects for e in self._before}
+        known = np.arange(rollout.visible.shape[1]) >= self.n_frames - LEAD_FRAMES
+        ahead = velocity_collisions(replace(rollout, visible=rollout.visible & known), self.camera)
+        later = [e for e in ahead if e.frame >= self.n_frames and e.objects not in met]
+        return replace(rollout, collisions=(*self._before, *later), unseen_scores=None, uncertain=None)
 
 
 def velocity_collisions(rollout: Rollout, camera: Camera = CLEVRER_CAMERA) -> tuple[Event, ...]:

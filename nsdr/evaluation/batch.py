@@ -194,7 +194,7 @@ def _write(
         proposals = read_proposals(source) if isinstance(source, Path) else source
         perception = pipeline.perceive(proposals=proposals)
     if form == "predictions":
-        assert perception.dynamics is not None
-        write_json(path, predictions_document(perception.dynamics))
+        assert perception.explanation is not None
+        write_json(path, predictions_document(perception.explanation.prediction))
     else:
         storage.save(perception.scene, path)

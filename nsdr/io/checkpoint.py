@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar, runtime_checkable
 
 from nsdr.errors import CheckpointError, DataError, machine_error
 from nsdr.io.device import resolve_device
@@ -221,6 +221,17 @@ def _without_initial_values() -> Any:
             return function(*args, **given)
 
     return Unfilled()
+
+
+@runtime_checkable
+class HasWeights(Protocol):
+    """A part of the system with weights, which can be moved to a device and stored. Parts without these methods have none."""
+
+    def to(self, device: str) -> Self:
+        """Move the networks to a device; returns the part."""
+
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Write the weights into a checkpoint's folder."""
 
 
 class PretrainedPart(Generic[Model]):

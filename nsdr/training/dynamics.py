@@ -129,7 +129,7 @@ class StateModelTask(TrackTask):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
-        return self.measure(StatePredictor(cast(StateModel, model), horizon_frame=LAST_FRAME))
+        return self.measure(StatePredictor(cast(StateModel, model)))
 
 
 def main(argv: Sequence[str] | None = None) -> str:

@@ -132,7 +132,7 @@ class PatchModelTask(TrackTask):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
-        return self.measure(PatchPredictor(cast(PatchModel, model), LAST_FRAME))
+        return self.measure(PatchPredictor(cast(PatchModel, model)))
 
 
 class ImageModelTask(PatchModelTask):
@@ -178,7 +178,7 @@ class ImageModelTask(PatchModelTask):
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts and of drawn patches, on the held-out scenes."""
         network = cast(ImageModel, model)
-        return self.measure(ImagePredictor(network, LAST_FRAME)) | self._drawing_errors(network)
+        return self.measure(ImagePredictor(network)) | self._drawing_errors(network)
 
     @torch.no_grad()
     def _drawing_errors(self, model: ImageModel) -> dict[str, float]:

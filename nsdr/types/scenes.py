@@ -81,6 +81,7 @@ class Rollout(ArrayHolder):
         unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: probability of a collision after the video, or None.
         speed_world_per_s: (n_objects, F) float, speed on the ground (world units/s), NaN or None where it is not known.
         uncertain: collisions of this rollout that are uncertain; None where nothing is known about that.
+        yaw: (n_objects, F) float, rotation about the vertical axis (radians); None where it is not known.
     """
 
     location_world: Annotated[FloatArray, Array("n", "F", 2, nan=True)]
@@ -89,6 +90,7 @@ class Rollout(ArrayHolder):
     unseen_scores: Annotated[FloatArray, Array("n", "n", low=0, high=1)] | None = None
     speed_world_per_s: Annotated[FloatArray, Array("n", "F", low=0, nan=True)] | None = None
     uncertain: tuple[UncertainCollision, ...] | None = None
+    yaw: Annotated[FloatArray, Array("n", "F")] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -96,6 +98,11 @@ class Rollout(ArrayHolder):
         for event in (*self.collisions, *(d.event for d in self.uncertain or ())):
             fits = event.kind == "collision" and event.objects[1] < n and event.frame >= 0
             expect(fits, "Rollout.collisions", f"collisions of two of the {n} objects at a frame", event)
+
+
+def yaws(rollout: Rollout) -> FloatArray:
+    """(n, F) rotations about the vertical axis (radians), which are 0 where the rollout does not know them."""
+    return np.zeros(rollout.visible.shape) if rollout.yaw is None else rollout.yaw
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
 
 from nsdr.types.arrays import ArrayHolder
 from nsdr.types.interventions import Intervention
 from nsdr.types.scenes import Event, Rollout, Scene
 from nsdr.types.tracks import SceneObject, check_objects
-from nsdr.validation import Array, Checked, Count, FloatArray, PositiveCount, Share, expect
+from nsdr.validation import Checked, Count, PositiveCount, Share, expect
 from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
 
@@ -42,7 +41,6 @@ class Simulation(ArrayHolder):
         interventions: what was changed; objects by their full names.
         original: the rollout without the interventions; added objects are absent.
         changed: the rollout with them; removed objects are absent from `from_frame` on.
-        original_yaw, changed_yaw: (n, F) float, rotations about the vertical axis (radians).
         original_events, events: entrances, exits and collisions of both rollouts in order of time, also those after the video.
             That an object is removed, added or moved is no entrance or exit.
         scene: the changed world, for questions. It holds no objects that are removed from frame 0; ids count what it holds. It
@@ -55,8 +53,6 @@ class Simulation(ArrayHolder):
     interventions: tuple[Intervention, ...]
     original: Rollout
     changed: Rollout
-    original_yaw: Annotated[FloatArray, Array("objects", "F", nan=True)]
-    changed_yaw: Annotated[FloatArray, Array("objects", "F", nan=True)]
     original_events: tuple[Event, ...]
     events: tuple[Event, ...]
     scene: Scene
@@ -66,8 +62,9 @@ class Simulation(ArrayHolder):
         check_objects("Simulation", self.objects)
         for change in self.interventions:
             expect(isinstance(change, Intervention), "Simulation.interventions", "interventions", change)
+        shape = len(self.objects), self.changed.visible.shape[1]
         for rollout in (self.original, self.changed):
-            found, shape = rollout.visible.shape, self.changed_yaw.shape
+            found = rollout.visible.shape
             expect(found == shape, "Simulation", f"rollouts of {shape[0]} objects and {shape[1]} frames", found)
 
     @property

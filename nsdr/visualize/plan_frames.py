@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.types import Rollout, SceneObject
+from nsdr.types.scenes import yaws
 from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
@@ -30,9 +31,8 @@ CORNERS = OBJECT_RADIUS_WORLD * np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])
 def draw_plan(
     objects: Sequence[SceneObject],
     rollout: Rollout,
-    yaw: FloatArray,
     frame: int,
-    ghost: tuple[Rollout, FloatArray] | None = None,
+    ghost: Rollout | None = None,
     camera: Camera = CLEVRER_CAMERA,
 ) -> NDArray[np.uint8]:
     """One frame of a rollout from above: objects with their trails, and a star where two have just collided.
@@ -43,9 +43,8 @@ def draw_plan(
     Args:
         objects: shapes and colours.
         rollout: positions and collisions.
-        yaw: (n, F) rotations about the vertical axis (radians).
         frame: which one.
-        ghost: another rollout and its yaws, whose outlines are drawn in grey.
+        ghost: another rollout, whose outlines are drawn in grey.
         camera: the camera that sees the bright part.
 
     Returns:
@@ -57,14 +56,14 @@ def draw_plan(
     cv2.fillPoly(image, [_pixels(camera.ground(np.array(corners), 0.0))], GROUND, cv2.LINE_AA, SUBPIXEL_BITS)
     if ghost is not None:
         for o in objects:
-            _draw_object(image, o, ghost[0].location_world[o.id, frame], ghost[1][o.id, frame], None)
+            _draw_object(image, o, ghost.location_world[o.id, frame], yaws(ghost)[o.id, frame], None)
     for o in objects:
         trail = rollout.location_world[o.id, : frame + 1]
         trail = trail[np.isfinite(trail).all(1)]
         if len(trail) > 1 and np.isfinite(rollout.location_world[o.id, frame]).all():
             cv2.polylines(image, [_pixels(trail)], False, COLORS_RGB[o.color], 1, cv2.LINE_AA, SUBPIXEL_BITS)
     for o in objects:
-        _draw_object(image, o, rollout.location_world[o.id, frame], yaw[o.id, frame], COLORS_RGB[o.color])
+        _draw_object(image, o, rollout.location_world[o.id, frame], yaws(rollout)[o.id, frame], COLORS_RGB[o.color])
     for event in rollout.collisions:
         places = rollout.location_world[list(event.objects), event.frame]
         if 0 <= frame - event.frame < COLLISION_FRAMES and np.isfinite(places).all():

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.interventions import simulate_removal
+from nsdr.dynamics.simulation import simulate
 from nsdr.pipeline import Perception
 from nsdr.types import Answer, Remove, Simulation
 from nsdr.visualize.annotate import STROBE_EVERY, stroboscopic_image, write_annotated_video
@@ -33,7 +33,7 @@ def write_report(
     Raises:
         DataError: matplotlib or PyAV is missing.
     """
-    scene, dynamics = perception.scene, perception.dynamics
+    scene, explanation = perception.scene, perception.explanation
     title = answers[0].question if len(answers) == 1 else "What was seen in the video"
     body = [f"<h1>{html.escape(title)}</h1>", notes_html(scene.notes)]
     body += [summary_html(answer, len(answers) > 1, scene.notes) for answer in answers]
@@ -48,11 +48,11 @@ def write_report(
         strobe = stroboscopic_image(frames, perception.proposals, perception.tracks)
         caption = f"The video as a stroboscopic image: one copy every {STROBE_EVERY} frames."
         body.append(figure_html(jpeg(strobe), caption))
-    if dynamics is not None:
+    if explanation is not None:
         caption = "From above: trajectories in the video solid, predicted ones dashed."
-        body.append(figure_html(figure_png(plan_figure(dynamics, camera=perception.camera)), caption))
+        body.append(figure_html(figure_png(plan_figure(explanation.prediction, camera=perception.camera)), caption))
     body += [figure_html(figure_png(causal_figure(scene)), "Causal graph."), "</div>"]
-    if dynamics is not None:
+    if explanation is not None:
         body += ["<h2>Without each object</h2>", *_removals(perception, frames, answers)]
     body += [answer_html(answer, perception, frames) for answer in answers]
     write_page(path, title, "".join(body), TIMELINE_STYLE)
@@ -72,14 +72,17 @@ def _video(frames: NDArray[np.uint8], perception: Perception) -> str:
 
 def _removals(perception: Perception, frames: NDArray[np.uint8] | None, answers: Sequence[Answer]) -> list[str]:
     """What is different without each object that the questions remove, or without each of all, with pictures."""
-    dynamics = perception.dynamics
-    assert dynamics is not None
-    chosen = sorted((_removed_objects(answers) or set(dynamics.counterfactual)) & set(dynamics.counterfactual))
+    explanation = perception.explanation
+    assert explanation is not None
+    known = set(explanation.counterfactual)
+    chosen = sorted((_removed_objects(answers) or known) & known)
     parts = []
     for i in chosen:
-        name = dynamics.objects[i].name
-        simulation = simulate_removal(dynamics, [Remove(i)], 0, "report")
-        plan = figure_html(figure_png(plan_figure(dynamics, i, perception.camera)), "From above; gray: with it.")
+        name = explanation.objects[i].name
+        simulation = simulate(explanation, [Remove(i)])
+        plan = figure_html(
+            figure_png(plan_figure(explanation.prediction, i, perception.camera)), "From above; gray: with it."
+        )
         changes = _changes(simulation, perception, frames) or "<p>Nothing else changes.</p>"
         parts.append(f"<h3>Without the {name}</h3><div class=row>{plan}<div>{changes}</div></div>")
     return parts
@@ -90,7 +93,7 @@ def _changes(simulation: Simulation, perception: Perception, frames: NDArray[np.
     cards = []
     for change in simulation.differences():
         gone = change.kind == "no longer"
-        simulated = simulation.original if gone else simulation.changed, simulation.changed_yaw
+        simulated = simulation.original if gone else simulation.changed
         picture = event_picture(change.event, perception, frames if gone else None, simulated)
         cards.append(f"<div>{picture}{html.escape(change_text(simulation, change))}</div>")
     return f"<div class=cards>{''.join(cards)}</div>" if cards else ""

@@ -82,10 +82,8 @@ def lanes_html(
 
 def _event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video: str) -> str:
     """A picture of each event with its frame and words: the frame with boxes, or the ground from above after the video."""
-    scene, dynamics = perception.scene, perception.dynamics
-    simulated = None
-    if frames is not None and dynamics is not None:
-        simulated = dynamics.observed, np.zeros(dynamics.observed.visible.shape)
+    scene, explanation = perception.scene, perception.explanation
+    simulated = None if frames is None or explanation is None else explanation.observed
     cards = []
     for number, event in enumerate([*scene.events, *(scene.unseen or ())]):
         later = event.frame >= scene.n_frames
@@ -182,7 +180,7 @@ def event_picture(
     event: Event,
     perception: Perception,
     frames: NDArray[np.uint8] | None,
-    simulated: tuple[Rollout, NDArray[np.floating]] | None,
+    simulated: Rollout | None,
 ) -> str:
     """The frame of an event with boxes around its objects; without that frame, the ground from above; "" without both.
 
@@ -190,12 +188,12 @@ def event_picture(
         event: one of the video, or of what is simulated.
         perception: of the video.
         frames: (T, 320, 480, 3) uint8 RGB of it; None leaves these out.
-        simulated: rollout and (n, F) yaws (radians).
+        simulated: what is drawn from above; None leaves it out.
     """
     if frames is not None and perception.tracks is not None and event.frame < len(frames):
         source = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects, CARD_WIDTH_PX)
     elif simulated is not None:
-        source = data_uri(jpeg(draw_plan(perception.scene.objects, *simulated, event.frame, camera=perception.camera)))
+        source = data_uri(jpeg(draw_plan(perception.scene.objects, simulated, event.frame, camera=perception.camera)))
     else:
         return ""
     return f"<img alt='frame {event.frame}' src='{source}'>"

@@ -44,7 +44,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--config": ("nowhere.yaml",), "--set": (
             "zebra=1", "tracker=1", "tracker.score", "tracker.score=x", "tracker.score=2", "tracker.score=-1",
             "tracker.score=nan", "stride=0", "stride=-1", "batch_size=0", "batch_size=x", "dynamics.backend=zebra",
-            "dynamics.collisions=zebra", "dynamics.horizon_frame=-1", "dynamics.horizon_frame=1000000",
+            "dynamics.collisions=zebra",
             "dynamics.physics.runs=0", "dynamics.physics.runs=1000000000", "=", "")}),
     "parse-videos": (PARSE, {"--workers": ("-1", "x"), "--engine": ("zebra",),
                              "--device": ("zebra",), "--checkpoint": ("nowhere",)}),

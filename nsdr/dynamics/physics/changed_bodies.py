@@ -1,18 +1,19 @@
 """Interventions on the simulator's bodies: their state at one frame, changed and checked."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.interventions import Changes
+from nsdr.dynamics.interventions import changed_ids, with_added
 from nsdr.dynamics.physics.contact_geometry import outline_gap
 from nsdr.dynamics.physics.forces import POSITION, SPIN, VELOCITY
 from nsdr.dynamics.physics.simulator import BodyStates
 from nsdr.errors import DataError
-from nsdr.types import Add, Freeze, Move, SetMass, SetVelocity
+from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, check_position, check_speed
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 from nsdr.world.vocabulary import SHAPES
@@ -41,29 +42,32 @@ class ChangedBodies:
     exact_mass: NDArray[np.bool_]
 
 
-def change_bodies(bodies: BodyStates, changes: Changes) -> ChangedBodies:
+def change_bodies(bodies: BodyStates, objects: Sequence[SceneObject], changes: Sequence[Intervention]) -> ChangedBodies:
     """The bodies with all interventions.
 
     Args:
         bodies: of the scene's objects, at the frame of the interventions.
-        changes: the interventions.
+        objects: the scene's.
+        changes: the interventions, whose `object` is an id.
 
     Raises:
         DataError: an object would overlap another one, leave the ground or be too fast, or has no direction to keep.
     """
-    n, extra = len(changes.objects), len(changes.added)
-    shape = np.array([SHAPES.index(o.shape) for o in changes.objects], np.int64)
+    everything, ids = with_added(objects, changes), changed_ids(changes, objects)
+    n, extra, names = len(everything), len(everything) - len(objects), [o.name for o in everything]
+    shape = np.array([SHAPES.index(o.shape) for o in everything], np.int64)
     state, mass = np.pad(bodies.state, [(0, extra), (0, 0)]), np.pad(bodies.mass, (0, extra), constant_values=1.0)
     simulated, reweighed, exact_mass = np.zeros((3, n), bool)
     changed = ChangedBodies(
         BodyStates(shape, state, mass), np.ones(n, bool), simulated, reweighed, np.zeros((n, 6), bool), exact_mass
     )
-    for i, change in changes.of:
-        _apply(changed, i, change, changes.objects[i].name)
-    changed.exists[changes.removed] = False
-    for i, change in changes.of:
+    for i, change in zip(ids, changes, strict=True):
+        _apply(changed, i, change, names[i])
+        if isinstance(change, Remove):
+            changed.exists[i] = False
+    for i, change in zip(ids, changes, strict=True):
         if isinstance(change, Move | Add):
-            _check_free(changed, i, changes)
+            _check_free(changed, i, names)
     return changed
 
 
@@ -112,9 +116,9 @@ def _velocity(change: SetVelocity, now: NDArray[Any], name: str) -> NDArray[Any]
     return new_speed * np.array([math.cos(angle), math.sin(angle)])
 
 
-def _check_free(changed: ChangedBodies, i: int, changes: Changes) -> None:
+def _check_free(changed: ChangedBodies, i: int, names: Sequence[str]) -> None:
     """Raise `DataError` where a placed object would overlap another one."""
-    bodies, names = changed.bodies, [o.name for o in changes.objects]
+    bodies = changed.bodies
     for j in np.flatnonzero(changed.exists).tolist():
         gap = float(outline_gap(bodies.shape, bodies.state, i, j)[0]) if j != i else 0.0
         if gap < 0:

@@ -14,7 +14,7 @@ from nsdr.clevrer.dataset import CLEVRER, Split
 from nsdr.clevrer.files.annotations import read_truth, truth_block
 from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation
-from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
+from nsdr.dynamics.motion_states import MotionStates, VideoPixels, object_features, states_from_tracks
 from nsdr.dynamics.propnet.patch_model import PatchModelConfig
 from nsdr.dynamics.propnet.patches import object_patches
 from nsdr.errors import DataError
@@ -189,7 +189,7 @@ def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: P
     tracks = track(proposals)
     states = states_from_tracks(tracks)
     if proposals.n_frames == VIDEO_FRAMES and MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
-        patches = object_patches(read_frames(video), proposals, tracks, states, config)
+        patches = object_patches(VideoPixels(read_frames(video), proposals, tracks), states, config)
         with atomic_path(patch_file) as temporary, open(temporary, "wb") as file:
             np.save(file, patches)
         row = _row(index, states, truth_block(scene_from_annotation(annotation)))

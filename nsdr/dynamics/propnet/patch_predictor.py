@@ -9,8 +9,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from nsdr.dynamics.base import VideoPixels, rollout_frames
-from nsdr.dynamics.motion_states import MotionStates, object_features, states_from_tracks
+from nsdr.dynamics.base import Explanation
+from nsdr.dynamics.motion_states import MotionStates, object_features
+from nsdr.dynamics.propnet.explanation import NetworkExplanation
 from nsdr.dynamics.propnet.patch_model import (
     BOX_SCALE,
     PATCH_CHANNELS,
@@ -24,7 +25,7 @@ from nsdr.dynamics.track_smoothing import rollout_in_image, smooth_tracks, with_
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import exact_convolutions, limit_threads
-from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
+from nsdr.types import Event, Rollout
 from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
@@ -40,34 +41,26 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
 
     Args:
         model: trained network.
-        horizon_frame: last frame to predict; None is 7/5 of the video's length.
     """
 
     part = "dynamics"
     built_from: ClassVar[tuple[type, type[nn.Module]]] = (PatchModelConfig, PatchModel)
     default_checkpoint = "dynamics_paper"
 
-    def __init__(self, model: PatchNetwork, horizon_frame: int | None = None) -> None:
+    def __init__(self, model: PatchNetwork) -> None:
         self.model = model.eval()
-        self.horizon_frame = horizon_frame
         self.config = model.config
 
     @limit_threads(1)
-    def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
-        """Observed motion and collisions, their future, and one rollout for each removed object; see `StatePredictor`."""
-        return self._predict(states_from_tracks(tracks), observed)
+    def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
+        """Find the video's collisions, unless they are given; see `nsdr.dynamics.Dynamics`."""
+        observed = self.observed_collisions(states) if collisions is None else collisions
+        smoothed = smooth_tracks(states, observed)
 
-    def _predict(self, states: MotionStates, observed: Sequence[Event] | None) -> DynamicsPrediction:
-        observed = self.observed_collisions(states) if observed is None else observed
-        rollout = self._future(states, observed)
-        rollout = with_smoothed_tracks(rollout, smooth_tracks(states, observed))
-        n_frames = states.present.shape[1]
-        return DynamicsPrediction(states.objects, n_frames, rollout, dict(enumerate(self._without_each(states))))
+        def continued(frames: int) -> Rollout:
+            return with_smoothed_tracks(self._future(states, observed, frames), smoothed)
 
-    @limit_threads(1)
-    def continue_motion(self, states: MotionStates) -> Rollout:
-        """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
-        return self._future(states, [])
+        return NetworkExplanation(states, continued, lambda frames: self._without_each(states, frames))
 
     @limit_threads(1)
     def observed_collisions(self, states: MotionStates) -> list[Event]:
@@ -137,26 +130,34 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
         boxes, logits = self.model(seen, static, here)
         return boxes, logits
 
-    def _future(self, states: MotionStates, observed: Sequence[Event]) -> Rollout:
+    def _future(self, states: MotionStates, observed: Sequence[Event], total: int) -> Rollout:
         last = states.present.shape[1] - 1
         exists = states.present.any(1, keepdims=True).T
-        return self._rollouts(states, np.asarray(exists), last, states.present[:, last][None], observed)[0]
+        return self._rollouts(states, np.asarray(exists), last, states.present[:, last][None], observed, total)[0]
 
-    def _without_each(self, states: MotionStates) -> list[Rollout]:
+    def _without_each(self, states: MotionStates, total: int) -> list[Rollout]:
         start = min((self.config.window - 1) * self.config.stride_frames, states.present.shape[1] - 1)
         exists = ~np.eye(len(states.objects), dtype=bool)
-        return self._rollouts(states, exists, start, np.zeros_like(exists), None)
+        return self._rollouts(states, exists, start, np.zeros_like(exists), None, total)
 
     def _rollouts(
-        self, states: MotionStates, exists: BoolArray, start: int, here: BoolArray, observed: Sequence[Event] | None
+        self,
+        states: MotionStates,
+        exists: BoolArray,
+        start: int,
+        here: BoolArray,
+        observed: Sequence[Event] | None,
+        total: int,
     ) -> list[Rollout]:
-        """Predict several rollouts from frame `start`; the others of `exists` (C, n) enter when they are first seen."""
+        """Predict several rollouts of `total` frames from frame `start`.
+
+        The others of `exists` (C, n) enter when they are first seen.
+        """
         (n_rollouts, n), frames = exists.shape, states.present.shape[1]
         if not n:
-            total = rollout_frames(frames, self.horizon_frame)
             return [Rollout(np.zeros((0, total, 2)), np.zeros((0, total), bool), ())] * n_rollouts
         stride, here, known = self.config.stride_frames, here.copy(), self._known(states)
-        margin, total = known.shape[1] - frames, rollout_frames(frames, self.horizon_frame)
+        margin = known.shape[1] - frames
         window = np.repeat(self._window(known, start)[None], n_rollouts, 0)
         boxes = np.full((n_rollouts, n, total + stride, 4), np.nan)
         detected, judgements = states.present.any(1), []
@@ -198,29 +199,25 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
 class ImagePredictor(PatchPredictor):
     """PropNet over image and mask patches (paper, section 4.2), rolled out as `PatchPredictor` does.
 
-    `MotionStates` that are given to its methods must hold `patches`.
+    `MotionStates` that are given to its methods must hold `patches` or, for `explain`, `pixels`.
 
     Differs from the paper: see `ImageModel`; frames of collisions are interpolated within the step.
     """
 
-    reads_images = True
     built_from = (PatchModelConfig, ImageModel)
     default_checkpoint = "dynamics_paper_images"
 
-    @limit_threads(1)
-    def predict(
-        self, tracks: VideoTracks, observed: Sequence[Event] | None = None, pixels: VideoPixels | None = None
-    ) -> DynamicsPrediction:
-        """As in `PatchPredictor`, with the video's pixels.
+    def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
+        """As in `PatchPredictor`, from the states' patches or pixels.
 
         Raises:
-            DataError: no pixels are given, or they are not those of the tracks.
+            DataError: the states have neither, or pixels of another video.
         """
-        if pixels is None:
-            raise DataError("dynamics 'paper_images' reads images; give videos, or use another backend")
-        states = states_from_tracks(tracks)
-        patches = object_patches(pixels.frames, pixels.proposals, tracks, states, self.config)
-        return self._predict(replace(states, patches=patches), observed)
+        if states.patches is None:
+            if states.pixels is None:
+                raise DataError("dynamics 'paper_images' reads images; give videos, or use another backend")
+            states = replace(states, patches=object_patches(states.pixels, states, self.config))
+        return super().explain(states, collisions)
 
     def _known(self, states: MotionStates) -> FloatArray:
         """(n, margin + F, 4 + K): boxes, and the patches of every frame; before the video those of the first frame."""

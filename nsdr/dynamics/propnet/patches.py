@@ -1,6 +1,5 @@
 """What the paper's dynamics networks see of each object: its box, and patches of image and mask around it."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import cv2
@@ -8,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as rle
 
-from nsdr.dynamics.motion_states import MotionStates, extrapolate
+from nsdr.dynamics.motion_states import MotionStates, VideoPixels, extrapolate
 from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PATCH_CHANNELS, PatchModelConfig
 from nsdr.errors import DataError
 from nsdr.tracking.tracker import rows_of
-from nsdr.types import VideoProposals, VideoTracks
 from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
 
@@ -53,22 +51,14 @@ def patch_boxes(
     return np.asarray(np.clip(np.nan_to_num(scaled, nan=FAR), -FAR, FAR))
 
 
-def object_patches(
-    frames: Iterable[NDArray[np.uint8]],
-    proposals: VideoProposals,
-    tracks: VideoTracks,
-    states: MotionStates,
-    config: PatchModelConfig,
-) -> NDArray[np.uint8]:
+def object_patches(pixels: VideoPixels, states: MotionStates, config: PatchModelConfig) -> NDArray[np.uint8]:
     """Patches around every object in every frame, of the object alone: what its mask leaves out is black.
 
     Where an object is not seen whole, its patch of the nearest frame in which it is stands for it.
 
     Args:
-        frames: F images (320, 480, 3) uint8 RGB.
-        proposals: the detections with their masks.
-        tracks: made from `proposals`.
-        states: made from `tracks`.
+        pixels: of the video.
+        states: made from the tracks of `pixels`.
         config: number and size of the cells.
 
     Returns:
@@ -77,6 +67,7 @@ def object_patches(
     Raises:
         DataError: the proposals have no masks, or not the tracks' detections, or there are fewer frames than the tracks have.
     """
+    proposals, tracks = pixels.proposals, pixels.tracks
     if proposals.masks is None:
         raise DataError("patches of images need proposals with masks; give proposal_N.json files, or videos")
     n, n_frames = states.present.shape
@@ -86,7 +77,7 @@ def object_patches(
     whole = np.where(states.reliable.any(1, keepdims=True), states.reliable, states.detected)
     patches = np.zeros((n, n_frames, PATCH_CHANNELS, config.patch_cells, config.patch_cells), np.uint8)
     count = 0
-    for f, frame in enumerate(frames):
+    for f, frame in enumerate(pixels.frames):
         if f >= n_frames:
             break
         count += 1

@@ -8,8 +8,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from nsdr.dynamics.base import rollout_frames
-from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features, states_from_tracks
+from nsdr.dynamics.base import Explanation
+from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features
+from nsdr.dynamics.propnet.explanation import NetworkExplanation
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.track_smoothing import (
     SmoothedTracks,
@@ -19,7 +20,7 @@ from nsdr.dynamics.track_smoothing import (
 )
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
-from nsdr.types import DynamicsPrediction, Event, Rollout, VideoTracks
+from nsdr.types import Event, Rollout
 
 PEAK_FRAMES = 4
 """Frames on each side of the most probable one whose probabilities decide the frame of a collision."""
@@ -35,39 +36,28 @@ class StatePredictor(PretrainedPart[StateModel]):
 
     Args:
         model: trained networks.
-        shortcut: what a removal cannot influence keeps its observed motion; otherwise all is rolled out from its first frames.
-        horizon_frame: last frame to predict; None is 7/5 of the video's length.
     """
 
     part = "dynamics"
     built_from = (StateModelConfig, StateModel)
 
-    def __init__(
-        self,
-        model: StateModel,
-        shortcut: bool = True,
-        horizon_frame: int | None = None,
-    ) -> None:
+    def __init__(self, model: StateModel) -> None:
         self.model = model.eval()
         self.config = model.config
-        self.shortcut = shortcut
-        self.horizon_frame = horizon_frame
 
     @limit_threads(1)
-    def predict(self, tracks: VideoTracks, observed: Sequence[Event] | None = None) -> DynamicsPrediction:
-        """Observed motion and collisions, their future, and one rollout per removed object; see `DynamicsBackend`."""
-        states = states_from_tracks(tracks)
-        observed = self.observed_collisions(states) if observed is None else observed
+    def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
+        """Find the video's collisions, unless they are given; see `nsdr.dynamics.Dynamics`."""
+        observed = self.observed_collisions(states) if collisions is None else collisions
         smoothed = smooth_tracks(states, observed)
-        rollouts = self._rollouts(states, observed, smoothed)
-        counterfactual = dict(enumerate(rollouts[1:]))
-        rollout = with_smoothed_tracks(rollouts[0], smoothed)
-        return DynamicsPrediction(states.objects, tracks.n_frames, rollout, counterfactual)
 
-    @limit_threads(1)
-    def continue_motion(self, states: MotionStates) -> Rollout:
-        """The rollout after the last frame of `states`, nothing removed, its own collisions only."""
-        return self._rollouts(states, [], None, counterfactual=False)[0]
+        def continued(frames: int) -> Rollout:
+            return with_smoothed_tracks(self._rollouts(states, observed, smoothed, [None], frames)[0], smoothed)
+
+        def without_each(frames: int) -> list[Rollout]:
+            return self._rollouts(states, observed, smoothed, range(len(states.objects)), frames)
+
+        return NetworkExplanation(states, continued, without_each)
 
     def observed_collisions(self, states: MotionStates) -> list[Event]:
         """Collisions during the video, in order of time; each pair at most once, at its most probable frame."""
@@ -104,18 +94,18 @@ class StatePredictor(PretrainedPart[StateModel]):
         self,
         states: MotionStates,
         observed: Sequence[Event],
-        smoothed: SmoothedTracks | None,
-        counterfactual: bool = True,
+        smoothed: SmoothedTracks,
+        removed: Sequence[int | None],
+        total: int,
     ) -> list[Rollout]:
-        """The scene as it is, and without each object; None for `smoothed` keeps the measured positions.
+        """Rollouts of `total` frames in one batch, each without an object, or with all for None.
 
         An object is "free" from the frame on at which its motion is no longer the observed one: after the video, or from
         a collision that the removed object's absence changes.
         """
         n_frames = states.present.shape[1]
         n, stride, past = len(states.objects), self.config.stride_frames, self.config.past_steps
-        total = rollout_frames(n_frames, self.horizon_frame)
-        n_rollouts = n + 1 if counterfactual else 1
+        n_rollouts = len(removed)
         reach = stride * (past - 1)  # frames before the video that the first window sees
         positions = np.zeros((n_rollouts, n, reach + total + stride, 2))
         positions[:, :, : reach + n_frames] = extrapolate(states.location_world, reach)[:, : reach + n_frames]
@@ -123,20 +113,22 @@ class StatePredictor(PretrainedPart[StateModel]):
         reliable = np.pad(states.reliable, [(0, 0), (0, total + stride - n_frames)], constant_values=True)
         reliable = np.pad(reliable, [(0, 0), (reach, 0)])
         exists = np.ones((n_rollouts, n), bool)
-        exists[np.arange(1, n_rollouts), np.arange(n_rollouts - 1)] = False
+        for rollout, i in enumerate(removed):
+            if i is not None:
+                exists[rollout, i] = False
+        of_video = np.asarray(exists.all(1))
         first = states.present.argmax(1) if n else np.zeros(0, int)
         free_from = np.full((n_rollouts, n), (n_frames - 1) // stride * stride)
-        if not self.shortcut:  # only the first samples of each object are observed
-            free_from[1:] = np.minimum(free_from[1:], ((first + stride - 1) // stride + past - 1) * stride)
         collisions: list[list[Event]] = [[] for _ in range(n_rollouts)]
-        met = [{e.objects for e in observed}, *(set() for _ in range(1, n_rollouts))]
-        collisions[0] = list(observed)
+        met: list[set[tuple[int, ...]]] = [set() for _ in range(n_rollouts)]
         pending = [list(observed) for _ in range(n_rollouts)]
+        for rollout in np.flatnonzero(of_video).tolist():
+            collisions[rollout], met[rollout], pending[rollout] = list(observed), {e.objects for e in observed}, []
         scores = np.zeros((n, n))
         static = torch.from_numpy(object_features(states.objects)).expand(n_rollouts, -1, -1)
         shares = np.arange(1, stride + 1)[:, None] / stride
         for t in range(0, total - 1, stride) if n else ():
-            for rollout in range(1, n_rollouts):
+            for rollout in range(n_rollouts):
                 while pending[rollout] and pending[rollout][0].frame <= t + stride:
                     event = pending[rollout].pop(0)
                     pair = list(event.objects)
@@ -162,35 +154,35 @@ class StatePredictor(PretrainedPart[StateModel]):
             positions[at_work, :, steps] = np.where(moves[..., None], between, positions[at_work, :, steps])
             possible = here[:, :, None] & here[:, None] & (moves | moves.transpose(0, 2, 1))
             probability = logits.sigmoid().numpy() * possible
-            if at_work[0] == 0:
-                np.maximum(scores, probability[0], out=scores)
+            for k in np.flatnonzero(of_video[at_work]).tolist():
+                np.maximum(scores, probability[k], out=scores)
             for k, i, j in np.argwhere(probability > self.config.collision_threshold).tolist():
                 rollout = int(at_work[k])
                 if i < j and (i, j) not in met[rollout] and t + 1 < total:
                     met[rollout].add((i, j))
-                    frame = t + 1 if rollout else max(t + 1, n_frames)
+                    frame = max(t + 1, n_frames) if of_video[rollout] else t + 1
                     collisions[rollout].append(Event("collision", frame, (i, j)))
                     free_from[rollout, [i, j]] = np.minimum(free_from[rollout, [i, j]], t)
         visible = np.zeros((n_rollouts, n, total), bool)
-        visible[:, :, :n_frames] = states.present if smoothed is None else smoothed.visible
+        visible[:, :, :n_frames] = smoothed.visible
         free_frames = np.arange(total) >= np.maximum(free_from, first)[..., None]
-        free_frames[0, :, :n_frames] = False  # the video itself was observed to its last frame
+        free_frames[of_video, :, :n_frames] = False  # the video itself was observed to its last frame
         visible &= ~free_frames & exists[..., None]
         shapes = np.array([o.shape for o in states.objects])
         for shape in np.unique(shapes):
             frames = free_frames & (exists & (shapes == shape))[..., None]
             visible[frames] = rollout_in_image([shape], location[frames][None], states.camera)[0]
         as_observed = (np.arange(n_frames) <= free_from[..., None]) | ~free_frames[..., :n_frames]
-        shown = states.location_world
-        if smoothed is not None:
-            fitted = np.isfinite(smoothed.location_world) & states.present[..., None]
-            shown = np.where(fitted, smoothed.location_world, shown)
+        fitted = np.isfinite(smoothed.location_world) & states.present[..., None]
+        shown = np.where(fitted, smoothed.location_world, states.location_world)
         location[:, :, :n_frames][as_observed] = np.broadcast_to(shown, (n_rollouts, n, n_frames, 2))[as_observed]
         location[~exists] = np.nan
         for event in observed:  # a pair collides once
             scores[event.objects] = scores[event.objects[::-1]] = 0.0
         in_order = [tuple(sorted(events, key=lambda e: e.frame)) for events in collisions]
-        return [Rollout(location[k], visible[k], in_order[k], None if k else scores) for k in range(n_rollouts)]
+        return [
+            Rollout(location[k], visible[k], in_order[k], scores if of_video[k] else None) for k in range(n_rollouts)
+        ]
 
     def _on_device(self, network: Any, *inputs: torch.Tensor) -> Any:
         """Outputs of a network on the CPU, computed on the device of its weights."""

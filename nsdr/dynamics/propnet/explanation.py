@@ -1,0 +1,39 @@
+"""The explanation of a network: rollouts of the video as it goes on, and without each object."""
+
+from collections.abc import Callable, Sequence
+
+from nsdr.dynamics.base import Explanation, only_removal
+from nsdr.dynamics.motion_states import MotionStates
+from nsdr.io.device import limit_threads
+from nsdr.types import Rollout
+from nsdr.types.interventions import Intervention
+
+
+class NetworkExplanation(Explanation):
+    """What a network predicts. It can remove one object from frame 0, and change nothing else.
+
+    Args:
+        states: motion of the video's objects.
+        continued: (number of frames) -> the rollout with all objects.
+        without_each: (number of frames) -> rollouts without each object, in order of ids. They are made in one batch.
+    """
+
+    def __init__(
+        self,
+        states: MotionStates,
+        continued: Callable[[int], Rollout],
+        without_each: Callable[[int], Sequence[Rollout]],
+    ) -> None:
+        super().__init__(states.objects, states.n_frames, states.camera)
+        self._continued, self._without_each = continued, without_each
+        self._removals: dict[int, Sequence[Rollout]] = {}
+
+    @limit_threads(1)
+    def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
+        """The video as it is, or without an object; raises `DataError` for other changes."""
+        removed = only_removal(changes, from_frame, "PropNet")
+        if removed is None:
+            return self._continued(frames)
+        if frames not in self._removals:
+            self._removals[frames] = self._without_each(frames)
+        return self._removals[frames][removed]

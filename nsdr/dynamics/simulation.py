@@ -1,0 +1,107 @@
+"""A video with interventions beside the same without: the two rollouts of an explanation, compared."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nsdr.clevrer.files.scenes import enter_exit_events
+from nsdr.dynamics.base import Explanation
+from nsdr.dynamics.interventions import changed_ids, resolve, with_added
+from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.errors import DataError
+from nsdr.types import Add, DynamicsPrediction, Event, Move, Remove, Rollout, Scene, SceneObject, Simulation
+from nsdr.types.interventions import Intervention
+from nsdr.types.scenes import in_order
+from nsdr.world.camera import Camera
+
+
+def simulate(explanation: Explanation, interventions: Sequence[Intervention], from_frame: int = 0) -> Simulation:
+    """What happens with interventions, and without them.
+
+    Args:
+        explanation: of a video.
+        interventions: changes of the scene, all at `from_frame`.
+        from_frame: a frame of the video.
+
+    Raises:
+        DataError: no or several objects fit the words, an intervention is impossible (says why with the numbers), or the
+            backend cannot make it: networks only remove one object from frame 0.
+    """
+    n_frames, old = explanation.n_frames, explanation.objects
+    changes = resolve(interventions, old, explanation.observed.visible[:, :n_frames], from_frame)
+    if not changes:
+        raise DataError("interventions: expected at least one, such as [nsdr.Remove('red cube')], got none")
+    changed = explanation.rollout(changes, from_frame)
+    objects, ids = with_added(old, changes), changed_ids(changes, old)
+    original = _with_absent(explanation.rollout(from_frame=from_frame), len(objects) - len(old))
+    removed = {i for i, change in zip(ids, changes, strict=True) if isinstance(change, Remove)}
+    placed = {i for i, change in zip(ids, changes, strict=True) if isinstance(change, Remove | Move | Add)}
+
+    def happens(event: Event, first: int) -> bool:
+        """Not that an intervention puts an object there or takes it away."""
+        return event.kind == "collision" or event.frame != from_frame or first not in placed
+
+    kept = [o.id for o in objects if from_frame > 0 or o.id not in removed]
+    scene = _scene(objects, n_frames, changed, kept, explanation.camera)
+    return Simulation(
+        objects,
+        n_frames,
+        from_frame,
+        tuple(
+            change if isinstance(change, Add) else replace(change, object=objects[i].name)
+            for i, change in zip(ids, changes, strict=True)
+        ),
+        original,
+        changed,
+        _events(original),
+        tuple(e for e in _events(changed) if happens(e, e.objects[0])),
+        replace(scene, events=tuple(e for e in scene.events if happens(e, kept[e.objects[0]]))),
+    )
+
+
+def _with_absent(rollout: Rollout, extra: int) -> Rollout:
+    """The rollout with a number of further objects that are absent."""
+    speed, yaw = rollout.speed_world_per_s, rollout.yaw
+    return replace(
+        rollout,
+        location_world=padded(rollout.location_world, extra, np.nan),
+        visible=padded(rollout.visible, extra, False),
+        unseen_scores=None,
+        speed_world_per_s=None if speed is None else padded(speed, extra, np.nan),
+        yaw=None if yaw is None else padded(yaw, extra, 0.0),
+    )
+
+
+def padded(values: NDArray[Any], extra: int, value: float | bool) -> NDArray[Any]:
+    """(n, …) values with a number of further rows that hold one value."""
+    return np.concatenate([values, np.full((extra, *values.shape[1:]), value, values.dtype)])
+
+
+def _events(rollout: Rollout) -> tuple[Event, ...]:
+    return in_order([*enter_exit_events(rollout.visible), *rollout.collisions])
+
+
+def _scene(
+    objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept: Sequence[int], camera: Camera | None
+) -> Scene:
+    """The scene of a rollout with some of its objects, renumbered."""
+    new = {old: i for i, old in enumerate(kept)}
+
+    def renumbered(event: Event) -> Event:
+        return replace(event, objects=tuple(new[i] for i in event.objects))
+
+    uncertain, speed, yaw = rollout.uncertain, rollout.speed_world_per_s, rollout.yaw
+    part = Rollout(
+        rollout.location_world[kept],
+        rollout.visible[kept],
+        tuple(renumbered(e) for e in rollout.collisions),
+        None,
+        None if speed is None else speed[kept],
+        None if uncertain is None else tuple(replace(one, event=renumbered(one.event)) for one in uncertain),
+        None if yaw is None else yaw[kept],
+    )
+    prediction = DynamicsPrediction(tuple(replace(objects[i], id=new[i]) for i in kept), n_frames, part)
+    return replace(scene_from_prediction(prediction, camera=camera), counterfactual=None, dynamics=prediction)
