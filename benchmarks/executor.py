@@ -22,7 +22,7 @@ from nsdr.clevrer.files.predictions import (
 )
 from nsdr.errors import ExecutionError
 from nsdr.language.texts import sample
-from nsdr.symbolic import Executor, Program
+from nsdr.symbolic import Executor, OfficialExecutor, Program
 from nsdr.validation import convert
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
@@ -112,7 +112,7 @@ def main(arguments: list[str] | None = None) -> None:
             file.write_bytes(msgspec.json.encode(document))
         rows: dict[str, Callable[[Path], Any]] = {
             "files to scenes": lambda f: scene_from_predictions(read_predictions(f)),
-            "files to official executors": lambda f: Executor(read_predictions(f), "official"),
+            "files to official executors": lambda f: OfficialExecutor(read_predictions(f)),
             "json.load alone": lambda f: json.loads(f.read_bytes()),
         }
         for name, make in rows.items():

@@ -29,7 +29,7 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.video import read_frames
 from nsdr.language.texts import TEXT_KINDS, sample
 from nsdr.pipeline import PipelineConfig
-from nsdr.question_parser.auto import AutoParser
+from nsdr.question_parser.grammar import GrammarParser
 from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -218,7 +218,7 @@ def baseline(setting: Setting, name: str) -> Result:
     system = TrainedBaseline.from_pretrained(f"baselines/{name}", device="cpu")
     index = min(split.entries("videos"))
     source = split.video(index) if name.startswith("pixels") else split.path("annotations", index)
-    parser = AutoParser.from_pretrained(device="cpu")
+    parser = GrammarParser()
     texts = ("How many collisions happen?", "What is the shape of the first object to enter the scene?")
     return same_answers(*setting.both(system, lambda: [system.answer(source, text, parser=parser) for text in texts]))
 

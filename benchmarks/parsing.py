@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from nsdr.clevrer.files.questions import read_questions
-from nsdr.question_parser.auto import AutoParser
+from nsdr.question_parser.grammar import GrammarParser
 
 
 def main() -> None:
@@ -20,7 +20,7 @@ def main() -> None:
         texts["descriptive" if question.type == "descriptive" else "multiple_choice"].append(question.text)
         texts["choice"] += [choice.text for choice in question.choices]
     distinct = {kind: list(dict.fromkeys(listed)) for kind, listed in texts.items()}
-    question_parser = AutoParser.from_pretrained("default")
+    question_parser = GrammarParser()
     question_parser.parse_batch(distinct["choice"][:1], "choice")  # warms up
     start = time.process_time()
     for kind, listed in distinct.items():

@@ -3,9 +3,9 @@
 A file is a list of rows `{"kind", "text", "program"}` with a kind of text, and postfix tokens or null for a text that must be
 refused; `also` lists other programs that are right. A question file in CLEVRER's format counts, too: its texts and programs.
 Prints, for each file and parser, the shares that are right, refused, and accepted and wrong, by kind of text, and those of
-the texts that must be refused, with 95 % intervals. Parsers: the rules alone ("grammar"), the networks alone ("network"), and
-the default ("auto"), which joins them. The sets that ship were used to tune the rules, but for
-`questions_blind4.json`; the blind ones are by people who had not seen the parser, and were measured before they were opened.
+the texts that must be refused, with 95 % intervals. Parsers: "grammar", the default, and "network", the paper's. The sets
+that ship were used to tune the rules, but for `questions_blind4.json`; the blind ones are by people who had not seen the
+parser, and were measured before they were opened.
 """
 
 import argparse
@@ -17,22 +17,11 @@ from nsdr.errors import DataError, NsdrError, QuestionError
 from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.reading import read_json
 from nsdr.language.texts import TEXT_KINDS
-from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser
-from nsdr.question_parser.grammar import GrammarParser
-from nsdr.question_parser.network import QuestionParser
+from nsdr.question_parser.loading import load_parser
 
 RIGHT, REFUSED, WRONG = "right", "refused", "accepted and wrong"
-PARSERS = ("grammar", "network", "auto")
-
-
-def make_parser(name: str, checkpoint: str) -> Parser:
-    """The parser of a name."""
-    if name == "grammar":
-        return GrammarParser()
-    if name == "auto":
-        return AutoParser.from_pretrained(checkpoint)
-    return QuestionParser.from_pretrained(checkpoint)
+PARSERS = ("grammar", "network")
 
 
 def read_rows(path: str) -> list[dict[str, Any]]:
@@ -99,7 +88,7 @@ def main() -> None:
     options = arguments.parse_args()
     sets = {path: read_rows(path) for path in options.files}
     for name in options.parser:
-        parser = make_parser(name, options.checkpoint)
+        parser = load_parser(name, options.checkpoint)
         for path, rows in sets.items():
             report(parser, f"{path}, {name}", rows, options.list)
 

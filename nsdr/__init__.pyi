@@ -32,7 +32,6 @@ from .frame_parser.parser import FrameParser as FrameParser
 from .io.storage import load as load, save as save
 from .laws.judge import judge as judge
 from .pipeline import Perception as Perception, Pipeline as Pipeline, PipelineConfig as PipelineConfig
-from .question_parser.auto import AutoParser as AutoParser
 from .question_parser.grammar import GrammarParser as GrammarParser
 from .question_parser.model import ParserNetwork as ParserNetwork
 from .question_parser.network import QuestionParser as QuestionParser

@@ -24,8 +24,8 @@ from nsdr.io.notes import Note, distinct, unsaid
 from nsdr.io.registry import checked_result
 from nsdr.laws.judge import judge
 from nsdr.pipeline_config import PipelineConfig, pipeline_settings
-from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.base import Parser, read_programs
+from nsdr.question_parser.loading import load_parser
 from nsdr.symbolic import Executor
 from nsdr.symbolic.program import ProgramSource
 from nsdr.tracking.localization import size_notes
@@ -105,7 +105,6 @@ class Pipeline:
         dynamics: str | Path | BackendConfig = "",
         config: PipelineConfig | str | Path | None = None,
         device: str = "auto",
-        extensions: bool = False,
     ) -> "Pipeline":
         """Load the three parts from a checkpoint folder or its name (see `nsdr.io.checkpoint`).
 
@@ -113,13 +112,13 @@ class Pipeline:
             path_or_id: where the checkpoint is.
             dynamics: a backend by name ("physics", "state", "paper" or one of another package), a YAML file, or its settings;
                 "" for that of `config`.
-            config: settings of all stages, or their YAML file.
+            config: settings of all parts, their YAML file, or the name of one that ships: "paper" for the paper's system.
             device: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
-            extensions: also parse questions beyond CLEVRER (`nsdr.question_parser.AutoParser`).
 
         Raises:
             CheckpointError: missing or corrupt; says what and how to get it.
             DataError: unknown settings or device.
+            EndpointError: the server of the question parser does not answer.
         """
         if not isinstance(config, PipelineConfig):
             config = pipeline_settings(config or "")
@@ -127,13 +126,14 @@ class Pipeline:
             config = replace(config, dynamics=backend_settings(dynamics))
         folder = find_checkpoint(path_or_id)
         resolve_device(device)
+        parser = load_parser(config.question_parser, folder, config.extensions, device)
 
         with without_compiler():
             from nsdr.frame_parser.parser import FrameParser
         frame_parser = FrameParser.from_checkpoint(
             folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
         )
-        backend, parser = load_backend(folder, config.dynamics), AutoParser.from_checkpoint(folder, extensions)
+        backend = load_backend(folder, config.dynamics)
         pipeline = cls(frame_parser, backend, parser, config.tracker, config.video, config.camera)
         return pipeline.to(device)
 

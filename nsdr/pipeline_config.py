@@ -1,4 +1,4 @@
-"""Settings of all stages of perception, and what makes its kept results stale."""
+"""Settings of all parts of the pipeline, and what makes kept results of perception stale."""
 
 import sys
 from collections import Counter
@@ -16,14 +16,19 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.configuration import parse_config
 from nsdr.io.device import PRECISIONS
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.shipped import find_config
+from nsdr.question_parser.loading import GRAMMAR, check_parser
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.camera import Camera, check_release_size
 
+OF_QUESTIONS = ("question_parser", "extensions")
+"""Settings of `PipelineConfig` that only questions depend on, and perception does not."""
+
 
 @dataclass(frozen=True)
 class PipelineConfig(Settings):
-    """Thresholds and settings of all stages of perception (`configs/pipeline/default.yaml`).
+    """Thresholds and settings of all parts (`configs/pipeline/default.yaml`).
 
     Attributes:
         stride: the frame parser processes every n-th frame; the tracker bridges the others.
@@ -34,6 +39,9 @@ class PipelineConfig(Settings):
         camera: the camera that took the videos; its images are 480x320.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
+        question_parser: "grammar", "network" (the paper's), or the address of a server with a language model, such as
+            "http://localhost:8000/v1#MODEL"; see `nsdr.question_parser.load_parser`.
+        extensions: whether the grammar also parses questions beyond CLEVRER: speeds, directions, masses, changed objects.
     """
 
     stride: PositiveCount = 1
@@ -43,9 +51,12 @@ class PipelineConfig(Settings):
     camera: Camera = field(default_factory=Camera)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
+    question_parser: str = GRAMMAR
+    extensions: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_parser(self.question_parser, self.extensions)
         check_release_size(self.camera)
 
     def fingerprint(self, checkpoint: str | Path, *made: str) -> str:
@@ -66,7 +77,8 @@ class PipelineConfig(Settings):
         versions[plugin.__name__] = getattr(plugin, "VERSION", 0)
         weights = checkpoint_folders(find_checkpoint(checkpoint), self.dynamics)
         background = [Path(self.video.background)] if self.video.background else []
-        return fingerprint(inputs=background, config=[*made, asdict(self), versions], weights=weights)
+        settings = {name: value for name, value in asdict(self).items() if name not in OF_QUESTIONS}
+        return fingerprint(inputs=background, config=[*made, settings, versions], weights=weights)
 
 
 def pipeline_settings(
@@ -75,14 +87,14 @@ def pipeline_settings(
     """Settings from a YAML file, a dynamics backend and single overrides, the later ones winning.
 
     Args:
-        file: YAML file of a `PipelineConfig`; "" for the defaults.
+        file: YAML file of a `PipelineConfig`, or the name of one that ships, such as "paper"; "" for the defaults.
         dynamics: a backend's name, or a YAML file of a `BackendConfig`; "" for that of `file`.
         overrides: "key=value" each, such as "tracker.score=0.8" or "dynamics.physics.runs=10".
 
     Raises:
         DataError: an unknown key or value; names it.
     """
-    argv = ["--config", str(file)] if file else []
+    argv = ["--config", str(find_config(file, "pipeline"))] if file else []
     if dynamics:
         is_file = str(dynamics).endswith((".yaml", ".yml"))
         argv += ["--dynamics" if is_file else "--dynamics.backend", str(dynamics)]
@@ -100,3 +112,14 @@ def pipeline_settings(
     config = parse_config(PipelineConfig, argv, "nsdr")
     backend_settings(config.dynamics)
     return config
+
+
+def idle_without_video(file: str | Path, overrides: Sequence[str]) -> list[str]:
+    """Those of the options `--config` and `--set` that do nothing for a scene that is already made.
+
+    Only the settings of the question parser do something for it.
+    """
+    default, settings = PipelineConfig(), pipeline_settings(file)
+    is_idle = all(getattr(settings, name) == getattr(default, name) for name in OF_QUESTIONS)
+    others = [override for override in overrides if override.partition("=")[0] not in OF_QUESTIONS]
+    return [*([f"--config {file}"] if file and is_idle else []), *(f"--set {override}" for override in others)]

@@ -120,7 +120,9 @@ def test_what_a_baseline_cannot_answer_from_is_refused(data, tmp_path, monkeypat
     assert "learnt from pixels: give a video" in refusal(annotation, "small")
     assert "baselines/none" in refusal(video, "none", "--force")
     assert "--trace would do nothing with --system" in refusal(video, "small", "--trace")
-    assert "--parser would do nothing: small reads no programs" in refusal(video, "small", "--parser", "http://x")
+    assert "--question-parser would do nothing: small reads no programs" in refusal(
+        video, "small", "--question-parser", "http://x"
+    )
     assert "pyramids" in refusal(video, "small", "--force", question="Are there any pyramids?")
     FrameParser(build_frame_parser(FrameParserConfig(fpn_channels=16))).save_pretrained(data / "parser")
     assert "the weights that are found here: features have detector_fingerprint" in refusal(video, "small", "--force")

@@ -204,11 +204,6 @@ def test_programs_of_other_sorts_are_rejected(executor: Executor) -> None:
         executor.answer("objects")
 
 
-def test_unknown_semantics(small_scene: Scene) -> None:
-    with pytest.raises(ExecutionError, match="unknown semantics 'other'"):
-        Executor(small_scene, "other")
-
-
 def test_empty_scene_counts_nothing() -> None:
     nothing = Scene((), 128, np.zeros((0, 128), bool), np.zeros((0, 128), bool), ())
     assert Executor(nothing).run("objects count") == 0

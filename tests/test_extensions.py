@@ -37,11 +37,9 @@ from nsdr.generate.questions.candidates import EXTENSION_KINDS, changed_question
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions, select_questions
 from nsdr.generate.scene_files import annotation_document, truth_document
 from nsdr.io import storage
-from nsdr.io.checkpoint import find_checkpoint
 from nsdr.language.slots import Slot, with_filters
 from nsdr.language.texts import clevrer, in_words
 from nsdr.pipeline import Perception, Pipeline
-from nsdr.question_parser.auto import AutoParser
 from nsdr.question_parser.grammar import GrammarParser, extension_readings
 from nsdr.rewards import exact
 from nsdr.symbolic import format_trace
@@ -291,9 +289,8 @@ def test_rules_read_every_template(name: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def parsers() -> tuple[AutoParser, AutoParser]:
-    folder = find_checkpoint("default")
-    return AutoParser.from_checkpoint(folder), AutoParser.from_checkpoint(folder, extensions=True)
+def parsers() -> tuple[GrammarParser, GrammarParser]:
+    return GrammarParser(), GrammarParser(extensions=True)
 
 
 def test_extensions_are_off_by_default(parsers) -> None:
@@ -346,7 +343,7 @@ def test_the_command_line_has_the_switch(capsys: pytest.CaptureFixture[str]) -> 
     assert main(["parse-question", text, "--extensions"]) == 0
     assert capsys.readouterr().out.split() == f"{RED} {END} query_speed".split()
     assert main(["parse-question", text]) == 2
-    assert main(["parse-question", text, "--extensions", "--parser", "http://localhost:1/v1"]) == 2
+    assert main(["parse-question", text, "--extensions", "--question-parser", "network"]) == 2
 
 
 @pytest.fixture(scope="module")

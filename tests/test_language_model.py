@@ -13,7 +13,7 @@ from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.cli.main import main
 from nsdr.errors import DataError, EndpointError, QuestionError
 from nsdr.evaluation import EvaluationConfig
-from nsdr.question_parser import AutoParser, LanguageModelParser
+from nsdr.question_parser import LanguageModelParser, load_parser
 from nsdr.question_parser.grammar import readings
 from nsdr.question_parser.language_model import KEY_VARIABLE, NO_PROGRAM, examples
 
@@ -183,20 +183,6 @@ def test_texts_are_checked_before_they_are_sent(stub, parser, text, kind, reason
     assert not stub.asked
 
 
-def test_the_default_asks_for_what_the_rules_cannot_read_and_checks_it(stub, parser) -> None:
-    both = AutoParser(parser)
-    assert str(both.parse("How many cubes enter the scene?")) == "events objects cube filter_shape filter_in count"
-    assert not stub.asked
-    text = "Many red cubes enter the scene, how?"
-    program = both.parse(text)
-    assert str(program) == PROGRAM
-    assert any("How many red cubes enter the scene" in note for note in program.notes)
-    for wrong in (PROGRAM.replace("red", "blue"), PROGRAM.replace("red filter_color ", "")):
-        stub.reply = wrong
-        with pytest.raises(QuestionError, match="fits no program"):
-            AutoParser(LanguageModelParser(stub.url, "small")).parse(text)
-
-
 @pytest.mark.parametrize(
     ("status", "body", "reason"),
     [
@@ -236,7 +222,9 @@ def test_a_cut_off_reply_is_refused(stub, parser) -> None:
 
 def test_a_server_that_hangs_is_left(stub) -> None:
     stub.hangs = True
-    with pytest.raises(EndpointError, match=r"no reply within 0.2 s; use a faster model, or leave --parser out"):
+    with pytest.raises(
+        EndpointError, match=r"no reply within 0.2 s; use a faster model, or take the question parser grammar"
+    ):
         LanguageModelParser(stub.url, "small", timeout_s=0.2).parse(TEXT)
 
 
@@ -253,7 +241,7 @@ def test_no_server() -> None:
      "http://ho st/v1", "http://host/v1\n", "http://host/v1?a=b", "http://host/v1#a", "http://user:secret@host/v1"],
 )  # fmt: skip
 def test_addresses_are_checked(url) -> None:
-    with pytest.raises(QuestionError, match="parser is") as caught:
+    with pytest.raises(DataError, match="url is") as caught:
         LanguageModelParser(url, "small")
     assert "secret" not in str(caught.value)
 
@@ -267,7 +255,7 @@ def test_the_only_model_is_taken(stub) -> None:
 @pytest.mark.parametrize(
     ("models", "reason"),
     [
-        ([], r"has 0 models \(none\); name one with --parser-model"),
+        ([], r"has 0 models \(none\); name one after the address: http://.*#MODEL"),
         (["a", "b"], r"has 2 models \('a', 'b'\); name one"),
         (list("abcdefgh"), r"'e', …\); name one"),
         (None, "answers 404 to /models"),
@@ -280,6 +268,22 @@ def test_without_a_model_there_must_be_one(stub, models, reason) -> None:
     assert LanguageModelParser(stub.url, "a").model == "a"
 
 
+def test_the_models_name_follows_the_address(stub) -> None:
+    stub.models = ["a", "b/c:8d"]
+    parser = load_parser(f"{stub.url}#b/c:8d")
+    assert str(parser.parse(TEXT)) == PROGRAM
+    assert stub.asked[-1][2]["model"] == "b/c:8d"
+    with pytest.raises(EndpointError, match="has 2 models"):
+        load_parser(stub.url)
+
+
+def test_programs_that_the_rules_do_not_read_are_noted(stub, parser) -> None:
+    assert parser.parse(TEXT).notes == ()
+    assert "How many red cubes enter the scene" in "".join(parser.parse("Many red cubes enter the scene, how?").notes)
+    stub.reply = PROGRAM.replace("red", "blue")
+    assert "How many blue cubes enter the scene" in "".join(parser.parse(TEXT).notes)
+
+
 def test_the_key_is_sent_if_it_is_set(stub, monkeypatch) -> None:
     monkeypatch.setenv(KEY_VARIABLE, "sk-1")
     LanguageModelParser(stub.url, "small").parse(TEXT)
@@ -287,15 +291,15 @@ def test_the_key_is_sent_if_it_is_set(stub, monkeypatch) -> None:
 
 
 def test_commands_use_the_server(stub, capsys) -> None:
-    assert main(["parse-question", TEXT, "--parser", stub.url, "--kind", "descriptive"]) == 0
+    assert main(["parse-question", TEXT, "--question-parser", stub.url, "--kind", "descriptive"]) == 0
     assert capsys.readouterr().out.strip() == PROGRAM
     stub.reply = "events objects filter_collision count"
-    assert main(["answer", str(TRUTH), "-q", "How many collisions happen?", "--parser", stub.url]) == 0
+    assert main(["answer", str(TRUTH), "-q", "How many collisions happen?", "--question-parser", stub.url]) == 0
     assert capsys.readouterr().out.strip() == "4"
 
 
 def test_nothing_imports_the_client_unless_asked() -> None:
-    code = "import nsdr.cli.main, nsdr.question_parser.auto, nsdr.question_parser.language_model, sys; "
+    code = "import nsdr.cli.main, nsdr.question_parser.loading, nsdr.question_parser.language_model, sys; "
     code += "sys.exit(any(m in sys.modules for m in ('openai', 'torch')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
@@ -303,9 +307,12 @@ def test_nothing_imports_the_client_unless_asked() -> None:
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["--parser-model", "a"], "--parser-model is of --parser"),
-        (["--parser", "zebra"], "expected an address such as"),
-        (["--parser", "http://localhost:1/v1", "--checkpoint", "mine"], "--checkpoint would do nothing with --parser"),
+        (["--question-parser", "zebra"], "expected grammar, network, or a server's address"),
+        (
+            ["--question-parser", "http://localhost:1/v1", "--checkpoint", "mine"],
+            "--checkpoint would do nothing with the",
+        ),
+        (["--checkpoint", "mine"], "--checkpoint would do nothing with the question parser grammar"),
     ],
 )
 def test_options_are_checked(arguments, reason, capsys) -> None:
@@ -313,16 +320,9 @@ def test_options_are_checked(arguments, reason, capsys) -> None:
     assert reason in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("values", "reason"),
-    [
-        ({"parser": "http://host/v1", "programs": "gold"}, "parser would do nothing with programs gold"),
-        ({"parser_model": "a"}, "parser_model is of --parser"),
-    ],
-)
-def test_evaluations_are_checked(values, reason) -> None:
-    with pytest.raises(DataError, match=reason):
-        EvaluationConfig(questions="q", data="d", **values)
+def test_evaluations_are_checked() -> None:
+    with pytest.raises(DataError, match="question_parser would do nothing with programs gold"):
+        EvaluationConfig(questions="q", data="d", question_parser="http://host/v1", programs="gold")
 
 
 def test_a_server_that_fails_ends_an_evaluation(stub, capsys, tmp_path) -> None:
@@ -331,7 +331,8 @@ def test_a_server_that_fails_ends_an_evaluation(stub, capsys, tmp_path) -> None:
     (scenes / "scene_500002.json").write_bytes(TRUTH.read_bytes())
     questions = tmp_path / "questions.json"
     questions.write_text(QUESTIONS.read_text().replace("will happen next?", "will the future bring to these?"))
-    arguments = ["evaluate", "--questions", str(questions), "--source", "scenes", "--data", str(scenes), "--parser", stub.url,
+    arguments = ["evaluate", "--questions", str(questions), "--source", "scenes", "--data", str(scenes),
+                 "--question-parser", stub.url,
                  "--cache", str(tmp_path / "cache"), "--types", "predictive"]  # fmt: skip
     stub.reply = "NONE"
     assert main(arguments) == 1

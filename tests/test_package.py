@@ -3,6 +3,7 @@ import inspect
 import json
 import pkgutil
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -13,8 +14,10 @@ import pytest
 import yaml
 
 import nsdr
-from nsdr import CheckpointError
+from nsdr import CheckpointError, DataError
 from nsdr.io.checkpoint import find_checkpoint, load_checkpoint, save_checkpoint, start_from
+from nsdr.io.shipped import find_config
+from nsdr.pipeline_config import pipeline_settings
 from nsdr.question_parser.model import QuestionParserConfig
 
 
@@ -68,7 +71,7 @@ def test_checkpoints_are_found_by_path_variable_and_checkout(tmp_path, monkeypat
     "package", ["lib/python3.13/site-packages", "Lib/site-packages", "local/lib/python3.13/dist-packages", ""]
 )
 def test_checkpoints_of_a_wheel_are_found_wherever_pip_puts_it(package, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("nsdr.io.checkpoint.__file__", str(tmp_path / package / "nsdr" / "io" / "checkpoint.py"))
+    monkeypatch.setattr("nsdr.io.shipped.__file__", str(tmp_path / package / "nsdr" / "io" / "shipped.py"))
     shipped = tmp_path / ("local" if package.startswith("local") else "") / "share" / "nsdr" / "checkpoints" / "default"
     shipped.mkdir(parents=True)
     assert find_checkpoint("default") == shipped.resolve()
@@ -82,7 +85,8 @@ def test_the_wheel_has_every_checkpoint_and_file_of_data() -> None:
     optional = {
         f"share/nsdr/{folder}" for path, folder in weights.items() if path.stat().st_size > 10e6
     }  # docs/release.md
-    assert shipped - optional <= set(setuptools["data-files"]) <= shipped
+    settings = {"share/nsdr/configs/pipeline"}
+    assert shipped - optional | settings <= set(setuptools["data-files"]) <= shipped | settings
     for target, (pattern,) in setuptools["data-files"].items():
         assert f"share/nsdr/{pattern}" == f"{target}/*"
     packaged = {
@@ -94,6 +98,19 @@ def test_the_wheel_has_every_checkpoint_and_file_of_data() -> None:
     }
     files = {path for path in (root / "nsdr").rglob("*") if path.is_file() and "__pycache__" not in path.parts}
     assert {path for path in files if path.suffix != ".py"} == packaged
+
+
+@pytest.mark.parametrize("package", ["lib/python3.13/site-packages", "local/lib/python3.13/dist-packages"])
+def test_configurations_of_a_wheel_are_found_by_name(package, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("nsdr.io.shipped.__file__", str(tmp_path / package / "nsdr" / "io" / "shipped.py"))
+    shipped = tmp_path / ("local" if package.startswith("local") else "") / "share" / "nsdr" / "configs" / "pipeline"
+    shipped.mkdir(parents=True)
+    shutil.copy(Path(__file__).parents[1] / "configs" / "pipeline" / "paper.yaml", shipped)
+    assert pipeline_settings("paper").dynamics.backend == "paper"
+    with pytest.raises(DataError, match=r"no configuration .papier. ships; expected a YAML file, or one of paper$"):
+        pipeline_settings("papier")
+    assert find_config("mine/paper", "pipeline") == Path("mine/paper")
+    assert find_config("mine.yaml", "pipeline") == Path("mine.yaml")
 
 
 def test_a_missing_checkpoint_says_where_it_was_looked_for(tmp_path, monkeypatch) -> None:

@@ -8,13 +8,14 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from nsdr import DataError, Executor, PipelineConfig, Scene, load, save
+from nsdr import DataError, PipelineConfig, Scene, load, save
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.files.predictions import read_predictions, scene_from_predictions
 from nsdr.cli.main import main
 from nsdr.evaluation import EvaluationConfig, parse_videos, predict_dynamics
 from nsdr.io.files import write_json
 from nsdr.io.video import write_video
+from nsdr.symbolic import OfficialExecutor
 
 
 @pytest.fixture
@@ -86,7 +87,7 @@ def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion,
     document = read_predictions(output / "sim_00000.json")
     assert [p.what_if for p in document.predictions] == [-1, 0, 1]
     assert len(scene_from_predictions(document).objects) == 2
-    assert Executor(document, "official").answer(["objects", "count"]).answer == "2"
+    assert OfficialExecutor(document).answer(["objects", "count"]).answer == "2"
     first = (output / "sim_00002.json").read_bytes()
     (output / "sim_00002.json").unlink()
     assert predict_dynamics(compact, output, workers=1).done == ("00002",)

@@ -1,5 +1,6 @@
 """The whole system on the clip that ships with the package, from pixels."""
 
+from contextlib import suppress
 from copy import copy
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from nsdr import (
     CheckpointError,
     DataError,
     DynamicsPrediction,
+    ExecutionError,
     Pipeline,
     Program,
     QuestionError,
@@ -266,6 +268,24 @@ def test_a_replaced_part_takes_effect(pipeline: Pipeline, perception: Perception
     assert pipeline.answer(VIDEO, "How many collisions happen?").answer != "0"
     monkeypatch.setattr(pipeline, "dynamics", Still())
     assert pipeline.answer(VIDEO, "How many collisions happen?").answer == "0"
+
+
+def test_the_papers_system_has_the_papers_parts(perception: Perception) -> None:
+    paper = Pipeline.from_pretrained(config="paper")
+    parts = (paper.frame_parser, paper.dynamics, paper.question_parser)
+    assert [type(part).__name__ for part in parts] == ["FrameParser", "PatchPredictor", "QuestionParser"]
+    with pytest.raises(QuestionError, match="unknown word 'heavier'"):  # nothing beyond CLEVRER's questions
+        paper.answer(VIDEO, "Is the brown cube heavier than the purple cube?")
+    scene = paper.perceive(proposals=perception.proposals).scene
+    right = []
+    for question in read_questions(QUESTIONS)[0].questions:
+        found: list[str | None] = []
+        with suppress(ExecutionError):  # a collision is missing
+            answer = paper.answer(scene, question.text, [c.text for c in question.choices] or None)
+            assert answer.program == question.program
+            found = [answer.answer, *(c.answer for c in answer.choices)]
+        right.append(found == [question.answer, *(c.answer for c in question.choices)])
+    assert sum(right) >= 7, right
 
 
 def test_a_pipeline_is_saved_and_loaded(pipeline: Pipeline, perception: Perception, tmp_path) -> None:

@@ -5,12 +5,13 @@ import sys
 import pytest
 import torch
 
-from nsdr import AutoParser, CheckpointError, DataError, GrammarParser, Program, QuestionError, QuestionParser
+from nsdr import CheckpointError, DataError, GrammarParser, Program, QuestionError, QuestionParser
 from nsdr.io.checkpoint import load_checkpoint, save_checkpoint
 from nsdr.language.normal import normal_form
 from nsdr.language.texts import TEXT_KINDS, read_paraphrases, sample, vocabulary
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.constraint import allowed, first_stack, following
+from nsdr.question_parser.loading import load_parser
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.network import build_networks, pad
 from nsdr.question_parser.tokenizer import END, PROGRAM_TOKENS, Tokenizer, split_words
@@ -51,14 +52,14 @@ def network() -> QuestionParser:
     return QuestionParser.from_pretrained(device="cpu")
 
 
-@pytest.fixture(scope="module", params=["grammar", "network", "auto"])
+@pytest.fixture(scope="module", params=["grammar", "network"])
 def any_parser(request, network) -> Parser:
-    return {"grammar": GrammarParser(), "network": network, "auto": AutoParser(network)}[request.param]
+    return GrammarParser() if request.param == "grammar" else network
 
 
-@pytest.fixture(scope="module", params=["grammar", "auto"])
-def parser(request, network) -> Parser:
-    return GrammarParser() if request.param == "grammar" else AutoParser(network)
+@pytest.fixture(scope="module")
+def parser() -> Parser:
+    return load_parser()
 
 
 @pytest.mark.parametrize("kind", TEXT_KINDS)
@@ -220,33 +221,6 @@ def test_candidates_leave_unknown_words_out(network: QuestionParser) -> None:
     assert found[2] == ["<other>"]
 
 
-def test_the_second_parser_of_the_default_is_loaded_when_it_is_needed_and_checked() -> None:
-    asked: list[str] = []
-
-    class Second(Parser):
-        def parse_batch(self, texts, kind="descriptive"):
-            asked.extend(texts)
-            return [Program.parse("objects cube filter_shape count")] * len(texts)
-
-    parser = AutoParser(lambda: Second())
-    assert str(parser.parse("How many spheres are there?")) == "objects sphere filter_shape count"
-    assert not asked
-    text = "Many cubes there, how?"
-    program = parser.parse(text)
-    assert str(program) == "objects cube filter_shape count"
-    (note,) = program.notes
-    assert "How many cubes are there" in note
-    assert "How many cubes are there" in note
-    for other in (
-        text.replace("cubes", "spheres"),
-        text.replace("there", "not there"),
-        text.replace("there", "when there"),
-    ):
-        with pytest.raises(QuestionError, match="fits no program"):
-            parser.parse(other)
-    assert len(asked) == 4
-
-
 def test_rules_need_no_torch(tmp_path) -> None:
     code = "import sys; from nsdr.cli.main import main; main(['parse-question', 'How many cubes enter the scene?']); "
     code += "sys.exit('torch' in sys.modules)"
@@ -290,11 +264,32 @@ def test_paraphrases_are_well_typed_and_not_in_the_grammar(network: QuestionPars
     assert not grammar & {row["text"] for row in rows}
 
 
-def test_a_text_without_words_is_refused() -> None:
-    class Second(Parser):
-        def parse_batch(self, texts, kind="descriptive"):
-            return [Program.parse("objects cube filter_shape unique")] * len(texts)
-
+def test_a_text_without_words_is_refused(parser: Parser) -> None:
     for text in ("Please.", "so, thanks"):
         with pytest.raises(QuestionError, match="fits no program"):
-            AutoParser(Second()).parse(text, "choice")
+            parser.parse(text, "choice")
+
+
+def test_a_text_without_a_reading_is_read_by_what_it_mentions_and_that_is_said(parser: Parser) -> None:
+    program = parser.parse("When the red block comes in, there is a green object in motion: what shape is it?")
+    (note,) = program.notes
+    assert note == "read as 'What is the shape of the moving green object when the red cube enters the scene'"
+
+
+def test_programs_of_the_network_that_the_rules_do_not_read_are_noted(network: QuestionParser, parser: Parser) -> None:
+    assert network.parse("How many cubes are there?").notes == ()
+    text = "What color the sphere?"
+    with pytest.raises(QuestionError, match="fits no program"):
+        parser.parse(text)
+    assert network.parse(text).notes == ("read as 'What is the color of the sphere'",)
+
+
+def test_parsers_are_chosen_by_name(tmp_path) -> None:
+    assert isinstance(load_parser("grammar", tmp_path / "no weights are needed"), GrammarParser)
+    assert isinstance(load_parser("network", device="cpu"), QuestionParser)
+    for name in ("zebra", "localhost:8000", "http://user:secret@host/v1"):
+        with pytest.raises(DataError, match="expected grammar, network, or a server's address") as caught:
+            load_parser(name)
+        assert "secret" not in str(caught.value)
+    with pytest.raises(DataError, match="extensions would do nothing with question_parser 'network'"):
+        load_parser("network", extensions=True)

@@ -18,7 +18,7 @@ from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
 from nsdr.frame_parser.check.reasons import camera_motion
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.io.video import read_video
-from nsdr.symbolic import Executor
+from nsdr.symbolic import Executor, OfficialExecutor
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
 from nsdr.world.vocabulary import SHAPES
@@ -58,7 +58,7 @@ def test_the_official_semantics_answers_as_the_released_executor(shared, mode: s
     folder = shared / "official_executor"
     rows = json.loads(gzip.decompress((folder / "answers.json.gz").read_bytes()))
     documents = {i: read_predictions(folder / f"sim_{i:05d}.json.gz") for i in {row["scene_index"] for row in rows}}
-    executors = {i: Executor(document, "official", collisions) for i, document in documents.items()}
+    executors = {i: OfficialExecutor(document, collisions) for i, document in documents.items()}
     assert (len(rows), len(executors)) == (3724, 40)
     wrong = []
     for row in rows:

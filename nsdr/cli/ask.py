@@ -12,7 +12,6 @@ from nsdr.cli.common import (
     is_scene,
     make_pipeline,
     print_notes,
-    question_parser,
     refuse_for_scene,
     refuse_idle,
     shared_options,
@@ -26,19 +25,16 @@ from nsdr.types import Answer, Scene
 if TYPE_CHECKING:
     from nsdr.clevrer.files.questions import Question
 
-EXTENSIONS = "also read questions beyond CLEVRER: speeds, directions, masses, changed objects (docs/questions.md)"
-
 
 def answer_options(parser: Any) -> None:
     add = parser.add_argument
     add("video", help=f"{VIDEO}, or a scene saved by parse-video")
     add("-q", "--question", required=True, help="in CLEVRER's English")
     add("-c", "--choice", action="append", default=[], help="an option, or a candidate for the answer; repeatable")
-    add("--extensions", action="store_true", help=EXTENSIONS)
     add("--system", default="", help="answer by a trained baseline: folder or name of a checkpoint, such as truth/mac")
     add("--trace", action="store_true", help="print every executed step")
     add("--json", action="store_true", help="print the answer as JSON")
-    shared_options(parser, "failures", "parser", "checkpoint", "pipeline", "video")
+    shared_options(parser, "failures", "parser", "extensions", "checkpoint", "pipeline", "video")
 
 
 def answer(options: Any) -> int:
@@ -53,9 +49,7 @@ def answer(options: Any) -> int:
     if saved:
         refuse_for_scene(options)
     source = load(Scene, options.video) if saved else options.video
-    parser = question_parser(options)
     pipeline = make_pipeline(options)
-    pipeline.question_parser = parser
     found = pipeline.answer(source, options.question, options.choice or None)
     _print_found(found, options)
     errors = [f"{choice.choice!r}: {choice.error}" for choice in found.choices if choice.error]
@@ -66,19 +60,22 @@ def _answer_by_baseline(options: Any) -> int:
     from nsdr.baselines.trained import TrainedBaseline
     from nsdr.frame_parser.check.video import VideoConfig, check_video
     from nsdr.io.checkpoint import find_checkpoint
+    from nsdr.question_parser.loading import GRAMMAR, load_parser
 
     refuse_idle(options, ("extensions", "trace", "keep_going", "dynamics", "config", "fps", "set"), " with --system")
     baseline = TrainedBaseline.from_pretrained(find_checkpoint(options.system, "baselines"), options.device)
     reads = "program" in baseline.network.needs
     if not reads:
-        refuse_idle(options, ("parser", "parser_model", "checkpoint"), f": {options.system} reads no programs")
+        refuse_idle(options, ("question_parser", "checkpoint"), f": {options.system} reads no programs")
     unusual: tuple[str, ...] = ()
     if is_scene(options.video):
         refuse_idle(options, ("force", "background"), f": {options.video} is no video")
     else:
         check = check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))
         unusual = (*check.refused, *check.warned)
-    parser = question_parser(options) if reads else None
+    parser = (
+        load_parser(options.question_parser or GRAMMAR, options.checkpoint, device=options.device) if reads else None
+    )
     found = baseline.answer(options.video, options.question, options.choice or None, parser)
     _print_found(replace(found, notes=distinct(unusual, found.notes)), options)
     return 0
@@ -112,8 +109,7 @@ def parse_question_options(parser: Any) -> None:
     add = parser.add_argument
     add("text", help="in CLEVRER's English")
     add("--kind", default="auto", choices=["auto", "descriptive", "multiple_choice", "choice"], help="kind of text")
-    add("--extensions", action="store_true", help=EXTENSIONS)
-    shared_options(parser, "parser", "checkpoint")
+    shared_options(parser, "parser", "extensions", "checkpoint")
 
 
 def parse_question(options: Any) -> int:
@@ -121,11 +117,13 @@ def parse_question(options: Any) -> int:
     if not options.text.strip():
         raise QuestionError("the text is empty")
 
+    from nsdr.question_parser.loading import GRAMMAR, NETWORK, load_parser
     from nsdr.question_parser.suggestions import QUESTION_KINDS, suggestion
 
-    if options.parser:
-        refuse_idle(options, ("checkpoint", "device"), " with --parser")
-    parser = question_parser(options)
+    name = options.question_parser or GRAMMAR
+    if name != NETWORK:
+        refuse_idle(options, ("checkpoint", "device"), f" with the question parser {name}")
+    parser = load_parser(name, options.checkpoint, options.extensions, options.device)
     kinds = ["multiple_choice", "descriptive", "choice"] if options.kind == "auto" else [options.kind]
     errors = []
     for kind in kinds:
@@ -156,13 +154,16 @@ def execute_options(parser: Any) -> None:
 def execute(options: Any) -> int:
     """`nsdr execute`: a program on a saved scene, or with the official semantics on a prediction file."""
     from nsdr.clevrer.files.predictions import read_predictions
-    from nsdr.symbolic import Executor
+    from nsdr.symbolic import Executor, OfficialExecutor
 
     if not options.scene:
         raise DataError("--scene is empty; expected a file")
-    scene: Any = read_predictions(options.scene) if options.semantics == "official" else load(Scene, options.scene)
-    executor = Executor(scene, options.semantics, options.collisions)
-    found = executor.answer(options.program)
+    if options.semantics == "official":
+        found = OfficialExecutor(read_predictions(options.scene), options.collisions).answer(options.program)
+    else:
+        if options.collisions != "predicted":
+            raise DataError("--collisions velocity needs --semantics official")
+        found = Executor(load(Scene, options.scene)).answer(options.program)
     _print_answer(found, options.trace, probable=False)
     print_notes(found.notes)
     return 0

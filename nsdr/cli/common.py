@@ -29,7 +29,7 @@ NOT_GIVEN: tuple[Any, ...] = (None, "", False, [], "default", "auto", "processes
 
 
 def shared_options(parser: Any, *groups: str) -> None:
-    """Add groups of options that several commands share: checkpoint, pipeline, video, parser, work and failures."""
+    """Add groups of options that several commands share, such as "checkpoint", "pipeline" and "video"."""
     add = parser.add_argument
     if "checkpoint" in groups:
         add("--checkpoint", default="default", help="folder or name of the weights")
@@ -37,7 +37,7 @@ def shared_options(parser: Any, *groups: str) -> None:
     if "pipeline" in groups:
         backend = "backend (physics, state, paper, paper_images, an installed one) or YAML file"
         add("--dynamics", default="", help=backend)
-        add("--config", default="", help="YAML file with the settings of all stages (configs/pipeline)")
+        add("--config", default="", help="settings of all parts: a YAML file, or a name, such as paper")
         add("--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable")
     if "video" in groups:
         add("--force", action="store_true", help="go on with videos that are not of CLEVRER's scene")
@@ -45,9 +45,11 @@ def shared_options(parser: Any, *groups: str) -> None:
         add("--background", default="", help=background)
         add("--fps", type=NonNegativeFloat, default=0.0, help="frames per second, in place of what the video says")
     if "parser" in groups:
-        server = "OpenAI-compatible server for texts that the rules cannot read, such as http://localhost:8000/v1"
-        add("--parser", default="", help=server)
-        add("--parser-model", default="", help="its model's name; may be left out if it has only one")
+        parsers = "grammar (default), network, or a language model: http://localhost:8000/v1[#MODEL]"
+        add("--question-parser", default="", help=parsers)
+    if "extensions" in groups:
+        beyond = "also read questions beyond CLEVRER: speeds, directions, masses, changed objects (docs/questions.md)"
+        add("--extensions", action="store_true", help=beyond)
     if "work" in groups:
         add("--workers", type=NonNegativeInt, default=0, help="number of processes; 0 for one per CPU core")
         add("--engine", default="processes", choices=ENGINES, help="where to work")
@@ -84,7 +86,9 @@ def print_parts(usage: str, parts: Mapping[str, tuple[Any, str]], more: str) -> 
 
 def refuse_idle(options: Any, names: Sequence[str], reason: str, about: str = "") -> None:
     """Refuse those of the options that are given, as they would do nothing: "ABOUT--NAME would do nothing REASON"."""
-    given = [f"--{name}" for name in names if name != "set" and getattr(options, name) not in NOT_GIVEN]
+    given = [
+        f"--{name.replace('_', '-')}" for name in names if name != "set" and getattr(options, name) not in NOT_GIVEN
+    ]
     given += [f"--set {value}" for value in options.set] if "set" in names else []
     if given:
         raise DataError(f"{about}{', '.join(given)} would do nothing{reason}; leave it out")
@@ -92,10 +96,11 @@ def refuse_idle(options: Any, names: Sequence[str], reason: str, about: str = ""
 
 def settings_of(options: Any) -> Any:
     """The `PipelineConfig` of the command's options."""
-    from nsdr.pipeline import pipeline_settings
+    from nsdr.pipeline_config import OF_QUESTIONS, pipeline_settings
 
     given = vars(options)
-    settings = pipeline_settings(options.config, options.dynamics, options.set)
+    overrides = [*options.set, *(f"{name}={given[name]}" for name in OF_QUESTIONS if given.get(name))]
+    settings = pipeline_settings(options.config, options.dynamics, overrides)
     expected = {name: given[name] for name in ("background", "fps") if given.get(name)}
     expected |= {"check": "warn"} if given.get("force") else {}
     return replace(settings, video=replace(settings.video, **expected))
@@ -157,25 +162,13 @@ def is_scene(path: str) -> bool:
 
 def refuse_for_scene(options: Any) -> None:
     """Refuse what is set about videos and dynamics where a saved scene is given."""
-    names = ("dynamics", "config", "force", "background", "fps", "set")
-    refuse_idle(options, names, "", f"{options.video} is a saved scene: ")
+    from nsdr.pipeline_config import idle_without_video
 
-
-def question_parser(options: Any) -> Any:
-    """The question parser of `--checkpoint`, or with the model of `--parser` in place of the networks.
-
-    Raises:
-        DataError: `--parser-model` without `--parser`.
-    """
-    from nsdr.question_parser.auto import AutoParser
-
-    if options.parser:
-        from nsdr.question_parser.language_model import LanguageModelParser
-
-        return AutoParser(LanguageModelParser(options.parser, options.parser_model), options.extensions)
-    if options.parser_model:
-        raise DataError("--parser-model is of --parser and would do nothing without it; leave it out")
-    return AutoParser.from_pretrained(options.checkpoint, options.device, options.extensions)
+    about = f"{options.video} is a saved scene: "
+    refuse_idle(options, ("dynamics", "force", "background", "fps"), "", about)
+    idle = idle_without_video(options.config, options.set)
+    if idle:
+        raise DataError(f"{about}{', '.join(idle)} would do nothing; leave it out")
 
 
 def failures_line(failed: int, total: int, what: str, example: str, keep_going: bool) -> int:

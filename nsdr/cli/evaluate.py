@@ -24,7 +24,7 @@ def evaluate_options(parser: Any) -> None:
     add("-o", "--output", default=None, help="write the table and every result as JSON")
     add("--submission", default=None, help="write the answers as an EvalAI submission")
     shared_options(parser, "parser", "failures")
-    explicit = {"types", "set", "parser", "parser_model"}
+    explicit = {"types", "set", "question_parser"}
     parser.add_class_arguments(EvaluationConfig, as_group=False, skip=explicit)
 
 

@@ -25,7 +25,7 @@ from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.fingerprint import fingerprint
 from nsdr.types import Answer
 
-PROGRAMS = ("programs", "parser", "parser_model", "checkpoint")
+PROGRAMS = ("programs", "question_parser", "checkpoint")
 """Settings of `EvaluationConfig` that only baselines use which read programs."""
 USED = ("questions", "root", "split", "types", "every", "limit", *PROGRAMS)
 """Settings of `EvaluationConfig` that trained baselines use."""

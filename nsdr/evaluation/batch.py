@@ -1,7 +1,7 @@
 """Whole folders of videos or proposals: many processes, resumable, one failure does not stop the others."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, Summary, read_output, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.pipeline import Pipeline, PipelineConfig
+from nsdr.question_parser.loading import GRAMMAR
 from nsdr.types import VideoProposals
 
 FORMATS = ("predictions", "scenes")
@@ -175,7 +176,8 @@ def _run(
 
 @lru_cache(maxsize=1)
 def worker_pipeline(checkpoint: str, settings: PipelineConfig, device: str) -> Pipeline:
-    """The pipeline of a worker process, loaded once."""
+    """The pipeline of a worker process, loaded once. It is asked no questions, so it parses none."""
+    settings = replace(settings, question_parser=GRAMMAR, extensions=False)
     return Pipeline.from_pretrained(checkpoint, config=settings, device=device)
 
 

@@ -29,10 +29,10 @@ from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, read_output, run_jobs
 from nsdr.io.tasks import ENGINES
-from nsdr.pipeline import PipelineConfig, pipeline_settings
-from nsdr.question_parser.auto import AutoParser
+from nsdr.pipeline_config import OF_QUESTIONS, PipelineConfig, idle_without_video, pipeline_settings
 from nsdr.question_parser.base import Parser
-from nsdr.symbolic import Executor, Program
+from nsdr.question_parser.loading import NETWORK, load_parser
+from nsdr.symbolic import Executor, OfficialExecutor, Program
 from nsdr.types import Scene
 from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 
@@ -43,7 +43,7 @@ SceneJob = Job[tuple[PerceptionInput, Scene | None]]
 """Makes a scene of the pipeline's input, in which the observed collisions of a true scene may replace the detected ones."""
 COUNTED_OTHERWISE = {
     *("questions", "data", "videos", "truth", "root", "cache", "engine", "workers", "device"),
-    *("checkpoint", "config", "set", "dynamics"),
+    *("checkpoint", "config", "set", "dynamics", "question_parser"),
 }
 """Settings that count for a fingerprint by what they name, or change no result."""
 
@@ -59,16 +59,14 @@ class EvaluationConfig(Settings):
         split: "train", "validation" or "test" of `root`.
         source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
         videos: folder of the videos that the proposals of `data` are of, for a dynamics backend that reads images.
-        programs: "parsed", "network" for those of the paper's networks alone, or "gold" for those of the question file.
-        parser: address of an OpenAI-compatible server with a language model, which parses in place of the checkpoint's
-            networks; "" for none.
-        parser_model: the server's model; "" if it has only one.
+        programs: "parsed", or "gold" for those of the question file.
+        question_parser: what parses, as in `nsdr.PipelineConfig`; "" for that of `config` (grammar).
         types: question types to answer.
         every: answer every n-th scene of those with such questions.
         limit: answer the first n of these scenes; 0 for all.
         checkpoint: weights.
         dynamics: a backend's name, or its YAML file; "" for that of `config` (physics).
-        config: YAML file of a `nsdr.PipelineConfig`; "" for the defaults.
+        config: YAML file of a `nsdr.PipelineConfig`, or "paper" for the paper's system; "" for the defaults.
         set: single settings, "key=value" each, such as "tracker.score=0.8".
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
@@ -88,9 +86,8 @@ class EvaluationConfig(Settings):
     split: Literal["train", "validation", "test"] = "validation"
     source: str = "proposals"
     videos: str = ""
-    programs: Literal["parsed", "network", "gold"] = "parsed"
-    parser: str = ""
-    parser_model: str = ""
+    programs: Literal["parsed", "gold"] = "parsed"
+    question_parser: str = ""
     types: Sequence[str] = QUESTION_TYPES
     every: PositiveCount = 1
     limit: Count = 0
@@ -117,10 +114,8 @@ class EvaluationConfig(Settings):
         sources = SOURCES.names()
         expect(self.source in sources, "source", f"one of {', '.join(sources)}", self.source)
         expect(self.truth_source in ("", *sources), "truth_source", f"one of {', '.join(sources)}", self.truth_source)
-        if self.parser and self.programs != "parsed":
-            raise DataError(f"parser would do nothing with programs {self.programs}; leave one out")
-        if self.parser_model and not self.parser:
-            raise DataError("parser_model is of --parser and would do nothing without it; leave it out")
+        if self.question_parser and self.programs == "gold":
+            raise DataError("question_parser would do nothing with programs gold; leave one out")
         if (bool(self.questions), bool(self.data)) != (not self.root, not self.root):
             raise DataError("give --questions and --data, or --root for a whole split")
         if self.semantics == "official" and self.source != "predictions":
@@ -141,8 +136,9 @@ class EvaluationConfig(Settings):
             raise DataError("source predictions cannot be read from a split of --root; give --questions and --data")
 
     def pipeline(self) -> PipelineConfig:
-        """The resolved settings of perception."""
-        return pipeline_settings(self.config, self.dynamics, self.set)
+        """The resolved settings of the pipeline."""
+        chosen = [f"question_parser={self.question_parser}"] if self.question_parser else []
+        return pipeline_settings(self.config, self.dynamics, [*self.set, *chosen])
 
 
 def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
@@ -155,13 +151,14 @@ def run_evaluation(config: EvaluationConfig) -> dict[str, Any]:
 
     Raises:
         DataError: unreadable questions or data, or values that do not go together.
-        EndpointError: the server of `parser` is not there; or it fails, after the scenes were kept.
+        EndpointError: the server of the question parser is not there; or it fails, after the scenes were kept.
         MachineError: a full disk, a lost worker or the like, which is no fault of a scene.
     """
     parser = parser_of(config)  # a server that is not there is found before the work
     settings = config.pipeline()
     device = str(resolve_device(config.device))
     questions, data = selected_questions(config)
+    made: Iterable[tuple[SceneQuestions, Executor | OfficialExecutor | NsdrError]]
     if config.semantics == "official":
         _check_no_pipeline_options(config)
         predictions = FolderFiles(Path(config.data))
@@ -224,21 +221,16 @@ def _scenes(
 
 
 def parser_of(config: EvaluationConfig) -> Parser | None:
-    """The parser of the settings; None where the questions have programs.
+    """The parser of the settings; None where the programs are those of the question file.
 
     Raises:
         CheckpointError: missing or corrupt weights.
-        EndpointError: the server of `parser` is not there.
+        EndpointError: the server of the question parser is not there.
     """
-    if config.programs == "network":
-        from nsdr.question_parser.network import QuestionParser
-
-        return QuestionParser.from_pretrained(config.checkpoint, config.device)
-    if config.parser:
-        from nsdr.question_parser.language_model import LanguageModelParser
-
-        return AutoParser(LanguageModelParser(config.parser, config.parser_model))
-    return AutoParser.from_pretrained(config.checkpoint, config.device) if config.programs == "parsed" else None
+    settings = config.pipeline()
+    if config.programs == "gold":
+        return None
+    return load_parser(settings.question_parser, config.checkpoint, settings.extensions, config.device)
 
 
 def parse_all(parser: Parser, questions: Iterable[SceneQuestions], types: Sequence[str]) -> Parse:
@@ -267,8 +259,9 @@ def parse_all(parser: Parser, questions: Iterable[SceneQuestions], types: Sequen
 
 def _check_no_pipeline_options(config: EvaluationConfig) -> None:
     """Sources that give scenes leave nothing to do for a pipeline and its options."""
-    given = [f"--{name}" for name in ("dynamics", "config", "set", "truth_source") if getattr(config, name)]
-    if config.checkpoint != "default" and config.programs == "gold":
+    given = [f"--{name}" for name in ("dynamics", "truth_source") if getattr(config, name)]
+    given += idle_without_video(config.config, config.set)
+    if config.checkpoint != "default" and (config.programs == "gold" or config.pipeline().question_parser != NETWORK):
         given.append("--checkpoint")
     if given:
         raise DataError(f"source {config.source} needs no pipeline: {', '.join(given)} would do nothing; leave it out")
@@ -286,7 +279,9 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
             inputs.append(path)
     values = {name: value for name, value in asdict(config).items() if name not in COUNTED_OTHERWISE}
     versions = [VERSION, question_parser.VERSION, symbolic.VERSION]
-    return fingerprint(inputs=inputs, config=[values, versions, config.pipeline().fingerprint(config.checkpoint)])
+    settings = config.pipeline()
+    parser = [getattr(settings, name) for name in OF_QUESTIONS]
+    return fingerprint(inputs=inputs, config=[values, versions, parser, settings.fingerprint(config.checkpoint)])
 
 
 def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:
@@ -341,9 +336,9 @@ def _executor(scene: Scene | Callable[[], Scene] | NsdrError, config: Evaluation
     return Executor(asked, data_set_rules=config.data_set_rules)
 
 
-def _official(config: EvaluationConfig, predictions: FolderFiles, scene_index: int) -> Executor | NsdrError:
+def _official(config: EvaluationConfig, predictions: FolderFiles, scene_index: int) -> OfficialExecutor | NsdrError:
     try:
-        return Executor(prediction_file(predictions, scene_index), "official", config.collisions)
+        return OfficialExecutor(prediction_file(predictions, scene_index), config.collisions)
     except MachineError:
         raise
     except NsdrError as e:

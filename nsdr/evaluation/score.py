@@ -8,7 +8,7 @@ from typing import Any
 from nsdr.clevrer.files.questions import PAIR_KINDS, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import ExecutionError, MachineError, NsdrError, QuestionError
 from nsdr.evaluation.measures import accuracy_interval, by_halves, calibration, calibration_text, percent
-from nsdr.symbolic import Executor, Program
+from nsdr.symbolic import Executor, OfficialExecutor, Program
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Answer, ChoiceAnswer
 
@@ -19,7 +19,7 @@ INTERVAL = " [{:.1f}, {:.1f}]"
 
 
 def evaluate(
-    scenes: Iterable[tuple[SceneQuestions, Executor | NsdrError]],
+    scenes: Iterable[tuple[SceneQuestions, Executor | OfficialExecutor | NsdrError]],
     parse: Parse | None = None,
     types: Sequence[str] = QUESTION_TYPES,
 ) -> dict[str, Any]:
@@ -43,7 +43,7 @@ def evaluate(
     results = []
     notes: dict[str, list[str]] = {}
     for scene, executor in scenes:
-        known = () if isinstance(executor, NsdrError) else executor.notes
+        known = executor.scene.notes if isinstance(executor, Executor) else ()
         if known:
             notes[str(scene.scene_index)] = list(known)
         for question in (q for q in scene.questions if q.type in types):
@@ -74,7 +74,7 @@ def score_answers(answered: Iterable[tuple[SceneQuestions, Mapping[int, Answer |
     )
 
 
-def _answer(executor: Executor, question: Question, parse: Parse | None) -> Answer | NsdrError:
+def _answer(executor: Executor | OfficialExecutor, question: Question, parse: Parse | None) -> Answer | NsdrError:
     """The answer, or why there is none."""
 
     def program_of(text: str, program: tuple[str, ...] | None, kind: str) -> ProgramSource:
@@ -82,7 +82,7 @@ def _answer(executor: Executor, question: Question, parse: Parse | None) -> Answ
             return parse(text, kind)
         if program is None:
             raise QuestionError("the question file has no programs; use parsed ones")
-        return program if executor.semantics == "official" else Program.parse(program)
+        return program if isinstance(executor, OfficialExecutor) else Program.parse(program)
 
     try:
         if question.type == "descriptive":

@@ -12,6 +12,7 @@ from nsdr.io.device import resolve_device
 from nsdr.io.files import write_file, write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
+from nsdr.io.shipped import shipped_folders
 
 if TYPE_CHECKING:
     import torch
@@ -45,11 +46,7 @@ def find_checkpoint(path_or_id: str | Path = "default", group: str = "") -> Path
     if not name.strip():
         raise CheckpointError("the checkpoint's name is empty; expected a folder, or a name such as default")
     roots = [Path(os.environ["NSDR_CHECKPOINTS"])] if os.environ.get("NSDR_CHECKPOINTS") else []
-    above = Path(__file__).resolve().parents
-    roots.append(above[2] / "checkpoints")
-    # Not sys.prefix: pip also installs for a user, into a folder, and on Debian below /usr/local.
-    installed = [folder / "share" / "nsdr" / "checkpoints" for folder in above]
-    roots += [root for root in installed if root.is_dir()][:1]
+    roots += shipped_folders("checkpoints")
     own = Path(name).expanduser()
     named = [] if own.is_absolute() or name.startswith(".") else [root / group / name for root in roots]
     found = next((folder for folder in [*named, own] if folder.is_dir()), None)

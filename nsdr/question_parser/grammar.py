@@ -1,7 +1,8 @@
-"""Programs of texts by rules alone: exact, without torch, in milliseconds.
+"""Programs of texts by rules: without torch, in milliseconds.
 
-The text, in normal form, must have one reading by the rules (`nsdr.language`). So no word is lost, none is invented, and their
-order matters. What has no reading is refused, with what is understood without some of its words.
+A text, in normal form, must have one reading by the rules (`nsdr.language`). So no word is lost, none is invented, and their
+order matters. A text without a reading is read by what it mentions (`nsdr.question_parser.contents`), if that fits one program.
+All others are refused, with what is understood without some of their words.
 """
 
 import unicodedata
@@ -14,6 +15,7 @@ from nsdr.language.rules import load_rules
 from nsdr.language.texts import START_SYMBOLS, TEXT_KINDS, english, in_words
 from nsdr.language.words import rewritten
 from nsdr.question_parser.base import Parser
+from nsdr.question_parser.contents import content_readings
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program, ProgramSource, program_tokens
 
@@ -30,12 +32,10 @@ DIRECTION_SYMBOLS = {"descriptive": "DIRECTION"}
 """The symbol of questions about directions in the image, which benchmarks ask about CLEVRER's videos."""
 
 
-class NoReadingError(QuestionError):
-    """The rules have no reading of a text, as any kind of text."""
-
-
 class GrammarParser(Parser):
     """Parses texts by rules.
+
+    Differs from the paper: the paper's parser is a network (`QuestionParser`).
 
     Args:
         extensions: also parse questions beyond CLEVRER (read_beyond.rules).
@@ -45,7 +45,11 @@ class GrammarParser(Parser):
         self.extensions = extensions
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """See `Parser`; misspelt words that are corrected are noted."""
+        """See `Parser`.
+
+        A note names a misspelt word that was corrected, and says how a text was read that has a hedge or no reading by its
+        words.
+        """
         found: list[Program | NsdrError] = []
         for text in texts:
             try:
@@ -62,7 +66,7 @@ class GrammarParser(Parser):
         if not programs:
             normal = normal_form(text)
             if normal.left_out:
-                raise NoReadingError(f"unknown word {normal.left_out[0]!r:.40}: {_refusal(text, kind)}")
+                raise QuestionError(f"unknown word {normal.left_out[0]!r:.40}: {_refusal(text, kind)}")
             if normal.is_hedged and kind == "choice":
                 raise QuestionError(f"{text!r:.200}: an option says what happens, not what may happen; {REMEDY}")
             notes += [f"read {word!r:.40} as {known!r}" for word, known in normal.corrections]
@@ -76,7 +80,10 @@ class GrammarParser(Parser):
             return Program.parse(programs[0]).with_notes(*notes)
         if any(readings(text, other) for other in TEXT_KINDS):
             raise another_kind(text, kind)
-        raise NoReadingError(_refusal(text, kind))
+        programs = content_readings(text, kind)
+        if len(programs) == 1:
+            return Program.parse(programs[0]).with_notes(read_as(programs[0]))
+        raise QuestionError(_refusal(text, kind))
 
 
 def check_text(text: str, kind: str) -> None:
@@ -129,6 +136,12 @@ def another_kind(text: str, kind: str) -> QuestionError:
 def read_as(program: ProgramSource) -> str:
     """The note that says how a text was read, where that is not what it says word by word."""
     return f"read as {_said(program)!r:.200}"
+
+
+def unless_confirmed(program: Program, text: str, kind: str) -> Program:
+    """The program that a network or language model gives for a text, with a note if the rules do not read the text so."""
+    is_confirmed = readings(text, kind) == [[*program.tokens]] and not normal_form(text).is_hedged
+    return program if is_confirmed else program.with_notes(read_as(program))
 
 
 def _refusal(text: str, kind: str) -> str:

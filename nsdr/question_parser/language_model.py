@@ -10,7 +10,7 @@ from nsdr.errors import DataError, EndpointError, NsdrError, ProgramError, Quest
 from nsdr.io.reading import parse_json
 from nsdr.language.texts import kind_of
 from nsdr.question_parser.base import Parser
-from nsdr.question_parser.grammar import another_kind, check_text
+from nsdr.question_parser.grammar import another_kind, check_text, unless_confirmed
 from nsdr.symbolic.modules import MODULES, WORDS
 from nsdr.symbolic.program import Program
 from nsdr.symbolic.reference import reference_page
@@ -25,12 +25,17 @@ NAMED_MODELS = 5
 """Models that an error names."""
 KEY_VARIABLE = "OPENAI_API_KEY"
 """Environment variable with the key that the server wants, if it wants one."""
-LEAVE_OUT = "or leave --parser out: the shipped parser needs no server"
+LEAVE_OUT = "or take the question parser grammar, which needs no server"
 _TOKENS = frozenset([*(name for name, module in MODULES.items() if module.in_data_set), *WORDS])
 
 
+def is_address(url: str) -> bool:
+    """Whether a text may be the address of a server; one with a password or query is none."""
+    return re.fullmatch(r"https?://[^\s/:?#@]+(:[1-9]\d*)?(/[^\s?#@]*)?", url) is not None
+
+
 class LanguageModelParser(Parser):
-    """Parses texts with a language model alone. What its reply says is taken if it is a program of the kind of text.
+    """Parses texts with a language model alone. The first program in its reply is taken if it is one of the kind of text.
 
     Args:
         url: base address of an OpenAI-compatible server, such as "http://localhost:8000/v1". The environment variable
@@ -39,21 +44,22 @@ class LanguageModelParser(Parser):
         timeout_s: longest time without anything from the server (s).
 
     Raises:
-        DataError: the package openai is not installed.
-        QuestionError: an address of another form.
+        DataError: an address of another form, or the package openai is not installed.
         EndpointError: the server does not answer or refuses; without `model`, it has no model or several.
     """
 
     def __init__(self, url: str, model: str = "", timeout_s: float = TIMEOUT_S) -> None:
-        if not re.fullmatch(r"https?://[^\s/:?#@]+(:[1-9]\d*)?(/[^\s?#@]*)?", url):
+        if not is_address(url):
             shown = url.rpartition("@")[2]
-            raise QuestionError(
-                f"parser is {shown!r:.200}; expected an address such as http://localhost:8000/v1, without a password"
+            raise DataError(
+                f"url is {shown!r:.200}; expected an address such as http://localhost:8000/v1, without a password"
             )
         try:
             import openai
         except ImportError as e:
-            raise DataError("--parser needs the package openai: pip install 'nsdr[llm]'") from e
+            raise DataError(
+                "a language model as question parser needs the package openai: pip install 'nsdr[llm]'"
+            ) from e
         self.url, self.timeout_s = url.rstrip("/"), timeout_s
         self._openai = openai
         self._client = openai.OpenAI(
@@ -67,7 +73,10 @@ class LanguageModelParser(Parser):
         self.model = model or self._only_model()
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """As in `Parser`, one text after the other."""
+        """See `Parser`. The server gets one text after the other.
+
+        A program that the rules do not read from the text has a note that says it in words.
+        """
         found: list[Program | NsdrError] = []
         for text in texts:
             try:
@@ -85,7 +94,7 @@ class LanguageModelParser(Parser):
         if len(names) != 1:
             shown = ", ".join(f"{name!r:.80}" for name in names[:NAMED_MODELS]) + (", …" * (len(names) > NAMED_MODELS))
             raise EndpointError(
-                f"{self.url}: has {len(names)} models ({shown or 'none'}); name one with --parser-model"
+                f"{self.url}: has {len(names)} models ({shown or 'none'}); name one after the address: {self.url}#MODEL"
             )
         return names[0]
 
@@ -113,7 +122,7 @@ class LanguageModelParser(Parser):
         program = _first_program(reply, text, self.model)
         if kind_of(program) != kind:
             raise another_kind(text, kind)
-        return program
+        return unless_confirmed(program, text, kind)
 
     def _requested(self, path: str, request: Any, **arguments: Any) -> Any:
         """The reply to a request of the client.

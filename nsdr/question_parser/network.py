@@ -14,7 +14,7 @@ from nsdr.io.device import limit_threads
 from nsdr.language.normal import normal_form
 from nsdr.language.texts import TEXT_KINDS
 from nsdr.question_parser.base import Parser
-from nsdr.question_parser.grammar import REMEDY, another_kind, check_text
+from nsdr.question_parser.grammar import REMEDY, another_kind, check_text, unless_confirmed
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer, split_words
 from nsdr.symbolic.program import Program
@@ -79,7 +79,11 @@ class QuestionParser(PretrainedPart, Parser):
         return network.config, {"words": self.tokenizer.words, "program_tokens": PROGRAM_TOKENS}
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
-        """See `Parser`; a program with a probability of less than `MIN_PROBABILITY` is an error."""
+        """See `Parser`.
+
+        A program with a probability of less than `MIN_PROBABILITY` is an error. One that the rules do not read from the text
+        has a note that says it in words.
+        """
         found: dict[int, Program | NsdrError] = {}
         readable = []
         for i, text in enumerate(texts):
@@ -93,7 +97,7 @@ class QuestionParser(PretrainedPart, Parser):
                 found[i] = e
         for i, (tokens, probability) in zip(readable, self.candidates([texts[i] for i in readable], kind), strict=True):
             try:
-                found[i] = _program(texts[i], tokens, kind, probability)
+                found[i] = unless_confirmed(_program(texts[i], tokens, kind, probability), texts[i], kind)
             except NsdrError as e:
                 found[i] = e
         return [found[i] for i in range(len(texts))]

@@ -2,6 +2,7 @@
 
 from nsdr.symbolic.executor import Executor
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, Module
+from nsdr.symbolic.official import OfficialExecutor
 from nsdr.symbolic.program import Program, Step
 from nsdr.symbolic.traces import format_probability, format_trace, format_tree
 
@@ -11,6 +12,7 @@ __all__ = [
     "Executor",
     "Kind",
     "Module",
+    "OfficialExecutor",
     "Program",
     "Step",
     "format_probability",

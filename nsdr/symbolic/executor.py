@@ -8,12 +8,10 @@ from string import ascii_uppercase
 from typing import Any, TypeVar
 
 from nsdr.clevrer.answers.answer_forms import UnreadableError, read_candidate
-from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.io.notes import distinct
 from nsdr.symbolic.failures import failure
 from nsdr.symbolic.modules import EXTENSIONS, Kind, as_set
-from nsdr.symbolic.official import OfficialExecutor
 from nsdr.symbolic.program import SAID_KINDS, Program, ProgramSource, Step
 from nsdr.symbolic.quantities import Simulate
 from nsdr.symbolic.uncertainty import MIN_SUPPOSED, N_DRAWS, SIMULATED_DOUBT, possible_scenes
@@ -29,14 +27,12 @@ Found = TypeVar("Found")
 
 
 class Executor:
-    """Executes programs on one scene.
+    """Executes programs on one scene, by the rules of the paper and of CLEVRER's own answers.
+
+    `nsdr.symbolic.OfficialExecutor` has the rules of the released research code instead.
 
     Args:
-        scene: the scene; for the official semantics, the content of a prediction file.
-        semantics: "paper" follows the paper and CLEVRER's own answers; "official" reproduces the answers of the released
-            executor on its prediction files, including its quirks: all methods return what those of
-            `nsdr.symbolic.official.OfficialExecutor` do, and never raise an exception on a program.
-        collisions: "predicted"; with the official semantics also "velocity", the variant NE.
+        scene: the scene.
         simulate: gives the collisions with an object changed, for questions beyond CLEVRER such as "what if the cube were twice
             as heavy" (`nsdr.symbolic.quantities`); None refuses them.
         data_set_rules: whether what is known of CLEVRER's questions, not of the video, counts, as in an evaluation of the
@@ -44,38 +40,14 @@ class Executor:
             judged alike and the scene has scores of unseen collisions, the choice with the higher score is the correct one.
 
     Raises:
-        ExecutionError: unknown semantics, or semantics that do not fit the type of the scene or the kind of collisions.
+        ExecutionError: the scene is no `Scene`.
     """
 
-    def __init__(
-        self,
-        scene: Scene | PredictionFile,
-        semantics: str = "paper",
-        collisions: str = "predicted",
-        simulate: Simulate | None = None,
-        data_set_rules: bool = False,
-    ) -> None:
-        if semantics not in ("paper", "official"):
-            raise ExecutionError(f"unknown semantics {semantics!r}; expected 'paper' or 'official'")
-        self.semantics = semantics
-        expected = PredictionFile if semantics == "official" else Scene
-        if not isinstance(scene, expected):
-            raise ExecutionError(
-                f"the {semantics} semantics runs on a {expected.__name__}, got a {type(scene).__name__}"
-            )
-        self._official: OfficialExecutor | None = None
+    def __init__(self, scene: Scene, simulate: Simulate | None = None, data_set_rules: bool = False) -> None:
         if not isinstance(scene, Scene):
-            self._official = OfficialExecutor(scene, collisions)
-            return
-        if collisions != "predicted":
-            raise ExecutionError(f"collisions {collisions!r} need the official semantics")
+            raise ExecutionError(f"programs run on a Scene, got a {type(scene).__name__}")
         self.scene, self.data_set_rules = scene, data_set_rules
         self.world = World(scene, simulate)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """The scene's; a prediction file has none."""
-        return () if self._official is not None else self.scene.notes
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
@@ -87,8 +59,6 @@ class Executor:
             ProgramError: the program is not well-formed.
             ExecutionError: it does not fit the scene; says what was asked for and what the scene has.
         """
-        if self._official is not None:
-            return self._official.run(program)
         return self._values(_complete(Program.parse(program)).steps)[-1]
 
     def answer(self, program: ProgramSource, question: str = "", candidates: Sequence[str] = ()) -> Answer:
@@ -109,13 +79,8 @@ class Executor:
 
         Raises:
             ProgramError: the program is not well-formed, or does not give an answer.
-            ExecutionError: it does not fit the scene; says what was asked for and what the scene has. Or candidates are given
-                with the official semantics, which has none.
+            ExecutionError: it does not fit the scene; says what was asked for and what the scene has.
         """
-        if self._official is not None:
-            if candidates:
-                raise ExecutionError("the official semantics takes no candidates; leave them out, or use 'paper'")
-            return self._official.answer(program, question)
         parsed = _complete(Program.parse(program))
         if parsed.result not in SAID_KINDS:
             raise ProgramError(
@@ -153,8 +118,6 @@ class Executor:
             ProgramError: a program is not well-formed, or is not that of a question or choice.
             ExecutionError: the question's program does not fit the scene; says what was asked for and what the scene has.
         """
-        if self._official is not None:
-            return self._official.judge(question_program, choices, question)
         parsed = Program.parse(question_program)
         answers = self._supposing(lambda e: e._judged(parsed, choices))
         scores = self._prediction_scores(parsed, answers)

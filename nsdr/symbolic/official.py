@@ -1,6 +1,6 @@
-"""`semantics="official"`: the answers of the released executor on its own prediction files, including its quirks.
+"""The answers of the released research code on its own prediction files, including its quirks.
 
-Besides what it knows of a file (`nsdr.symbolic.official_world`), it differs from the paper's semantics in this:
+Besides what it knows of a file (`nsdr.symbolic.official_world`), it differs from `nsdr.Executor` in this:
 
 - Types are checked when a program runs. Objects and frames are both plain numbers.
 - `events` holds the start and the end of the video as well; `all_events` holds collisions only, without frames.

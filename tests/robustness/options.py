@@ -52,6 +52,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
                                                              "--scene": ("nowhere.json", "/dev/null", ".", "")}),
     "parse-question": (("parse-question", "How many collisions happen?"),
                        {"--kind": ("zebra", "choice", "multiple_choice"), "--checkpoint": ("nowhere",),
+                        "--question-parser": ("zebra", "http://u:p@host", "network#a"),
                         "--device": ("zebra",)}),
     "visualize": (("visualize", "{good}/video.mp4", "-o", "x.png"), {"--image": ("zebra",), "--removed": ("x", "1"),
                                                                     "--checkpoint": ("nowhere",)}),

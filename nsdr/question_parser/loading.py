@@ -1,0 +1,58 @@
+"""The choice of a question parser by name: the grammar, the paper's networks, or a language model on a server."""
+
+from pathlib import Path
+
+from nsdr.errors import DataError
+from nsdr.io.checkpoint import find_checkpoint
+from nsdr.question_parser.base import Parser
+from nsdr.question_parser.grammar import GrammarParser
+from nsdr.question_parser.language_model import LanguageModelParser, is_address
+
+GRAMMAR, NETWORK = "grammar", "network"
+
+
+def check_parser(name: str, extensions: bool = False) -> None:
+    """Check the choice of a parser before any work.
+
+    Args:
+        name, extensions: see `load_parser`.
+
+    Raises:
+        DataError: no parser has this name, or it parses no questions beyond CLEVRER.
+    """
+    if name not in (GRAMMAR, NETWORK) and not is_address(name.partition("#")[0]):
+        shown = name.rpartition("@")[2]
+        raise DataError(
+            f"question_parser is {shown!r:.200}; expected {GRAMMAR}, {NETWORK}, or a server's address such as "
+            "http://localhost:8000/v1, without a password"
+        )
+    if extensions and name != GRAMMAR:
+        raise DataError(f"extensions would do nothing with question_parser {name!r:.200}; only {GRAMMAR} has them")
+
+
+def load_parser(
+    name: str = GRAMMAR, checkpoint: str | Path = "default", extensions: bool = False, device: str = "auto"
+) -> Parser:
+    """A question parser by its name.
+
+    Args:
+        name: "grammar" (`GrammarParser`), "network" (`QuestionParser`), or the address of an OpenAI-compatible server
+            (`LanguageModelParser`), after which `#` and a model's name may follow: "http://localhost:8000/v1#qwen3:8b".
+        checkpoint: where the weights of the networks are, as in `find_checkpoint`.
+        extensions: also parse questions beyond CLEVRER (the grammar only).
+        device: where the networks run, as in `PretrainedPart.to`.
+
+    Raises:
+        DataError: no parser has this name, or it parses no questions beyond CLEVRER.
+        CheckpointError: weights are missing or corrupt.
+        EndpointError: the server does not answer.
+    """
+    check_parser(name, extensions)
+    if name == GRAMMAR:
+        return GrammarParser(extensions)
+    if name == NETWORK:
+        from nsdr.question_parser.network import QuestionParser
+
+        return QuestionParser.from_checkpoint(find_checkpoint(checkpoint)).to(device)
+    address, _, model = name.partition("#")
+    return LanguageModelParser(address, model)
