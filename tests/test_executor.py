@@ -14,7 +14,7 @@ from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObje
 from nsdr.clevrer.example import QUESTIONS
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.symbolic.causal import ancestor_sets, causal_path, direct_causes
-from nsdr.symbolic.uncertainty import SIMULATED_DOUBT
+from nsdr.symbolic.probabilities import SIMULATED_DOUBT
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 RED_CUBE = "objects red filter_color cube filter_shape unique"

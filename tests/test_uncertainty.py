@@ -1,5 +1,6 @@
 """Uncertain collisions, and the probabilities of answers that follow from them."""
 
+import doctest
 import pickle
 from dataclasses import replace
 
@@ -13,8 +14,9 @@ from nsdr.clevrer.files.scenes import enter_exit_events
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.evaluation import calibration, evaluate, format_table
 from nsdr.evaluation.experiments import markdown_table
-from nsdr.symbolic import format_probability
-from nsdr.symbolic.uncertainty import N_DRAWS, SIMULATED_DOUBT, possible_scenes
+from nsdr.symbolic import format_probability, probabilities
+from nsdr.symbolic.probabilities import SIMULATED_DOUBT
+from nsdr.symbolic.uncertainty import N_DRAWS, possible_scenes
 from nsdr.tracking.tracker import existence
 from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, SceneObject, Track, VideoTracks
 from nsdr.types.answers import ChoiceAnswer
@@ -37,6 +39,10 @@ def possible(one: str, other: str) -> str:
 def unsure(small_scene: Scene) -> Scene:
     """The first collision happens with 75 %, another one with 25 %."""
     return replace(small_scene, uncertain=(UncertainCollision(HIT, 0.75), UncertainCollision(MAYBE, 0.25)))
+
+
+def test_the_worked_example_is_right() -> None:
+    assert doctest.testmod(probabilities) == (0, 13)
 
 
 def test_uncertain_collisions_are_checked(small_scene: Scene) -> None:
@@ -170,7 +176,7 @@ def test_what_a_choice_supposes_is_taken_to_have_happened(small_scene: Scene) ->
 def test_worlds_are_drawn_once(unsure: Scene, monkeypatch) -> None:
     calls = []
     real = possible_scenes
-    monkeypatch.setattr("nsdr.symbolic.executor.possible_scenes", lambda s: calls.append(s) or real(s))
+    monkeypatch.setattr("nsdr.symbolic.probabilities.possible_scenes", lambda s: calls.append(s) or real(s))
     executor = Executor(unsure)
     answer = executor.answer(COUNT)
     judged = executor.judge(WITHOUT_BLUE, [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, RED_SPHERE))])

@@ -1,9 +1,7 @@
-"""Runs programs on a scene (paper, section 4.4), step by step; the values of all steps are the trace."""
+"""Runs programs on a scene (paper, section 4.4), step by step. The values of all steps are the trace."""
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
 from string import ascii_uppercase
 from typing import Any, TypeVar
 
@@ -12,9 +10,9 @@ from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.io.notes import distinct
 from nsdr.symbolic.failures import failure
 from nsdr.symbolic.modules import EXTENSIONS, Kind, as_set
+from nsdr.symbolic.probabilities import PossibleScenes, first_of_two, simulated
 from nsdr.symbolic.program import SAID_KINDS, Program, ProgramSource, Step
 from nsdr.symbolic.quantities import Simulate
-from nsdr.symbolic.uncertainty import MIN_SUPPOSED, N_DRAWS, SIMULATED_DOUBT, possible_scenes
 from nsdr.symbolic.world import Boundary, World
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.world.vocabulary import SPEED_UNIT
@@ -22,7 +20,9 @@ from nsdr.world.vocabulary import SPEED_UNIT
 PREDICTIVE = ("unseen_events", "belong_to")
 """Program of every predictive question."""
 OF_OBJECTS, OF_EVENTS = (Kind.OBJECTS, Kind.OBJECT), (Kind.EVENTS, Kind.EVENT)
+"""Types of values that hold objects, and of those that hold events."""
 SIMULATED = frozenset({"unseen_events", "get_counterfact"})
+"""Modules whose events are simulated."""
 Found = TypeVar("Found")
 
 
@@ -34,10 +34,10 @@ class Executor:
     Args:
         scene: the scene.
         simulate: gives the collisions with an object changed, for questions beyond CLEVRER such as "what if the cube were twice
-            as heavy" (`nsdr.symbolic.quantities`); None refuses them.
-        data_set_rules: whether what is known of CLEVRER's questions, not of the video, counts, as in an evaluation of the
-            data set. There is one such rule: exactly one of the two choices of a predictive question is correct. If both are
-            judged alike and the scene has scores of unseen collisions, the choice with the higher score is the correct one.
+            as heavy" (`nsdr.symbolic.quantities`). With None, such questions are refused.
+        data_set_rules: whether to use what is known about CLEVRER's questions and not from the video, as evaluations of the
+            data set do. There is one such rule: exactly one of the two choices of a predictive question is correct. If both
+            are judged alike and the scene has scores of unseen collisions, the choice with the higher score is the correct one.
 
     Raises:
         ExecutionError: the scene is no `Scene`.
@@ -48,6 +48,7 @@ class Executor:
             raise ExecutionError(f"programs run on a Scene, got a {type(scene).__name__}")
         self.scene, self.data_set_rules = scene, data_set_rules
         self.world = World(scene, simulate)
+        self._possible_scenes = PossibleScenes(scene, Executor)
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
@@ -64,15 +65,16 @@ class Executor:
     def answer(self, program: ProgramSource, question: str = "", candidates: Sequence[str] = ()) -> Answer:
         """Answer a descriptive question.
 
-        A question supposes that what it names happened: where that fails in the most probable world, it is answered in the
-        most probable one where it does not, unless that is too improbable (`nsdr.symbolic.uncertainty.MIN_SUPPOSED`).
+        A question supposes that what it names happened. If its program fails for the scene as it was found, it is answered for
+        the most probable scene in which it does not fail, unless such scenes are too improbable
+        (`nsdr.symbolic.probabilities.MIN_SUPPOSED`).
 
         Args:
             program: the question's program.
             question: its text.
-            candidates: texts of which one may say the answer, such as "3" or "B. The object is stationary."; each becomes a
-                choice, "correct" if it says the answer. One that says no answer that can be read has an `error` in place of
-                an answer. A note says so if none says the answer.
+            candidates: texts, one of which may say the answer, such as "3" or "B. The object is stationary.". Each becomes a
+                choice, which is "correct" if it says the answer. A candidate that cannot be read as an answer has an `error`
+                instead. If none says the answer, a note says so.
 
         Returns:
             The answer (yes, no, a number, an attribute word, a frame, or a list of events) with its trace.
@@ -106,8 +108,8 @@ class Executor:
     ) -> Answer:
         """Answer a multiple-choice question: each choice is joined with the question into one program, and "yes" is correct.
 
-        A choice that fails has an `error` in place of an answer, and the others are judged. What the question and each choice
-        suppose is taken as by `answer`.
+        A choice that fails has an `error` in place of an answer, and the others are judged. For what the question and the
+        choices suppose, see `answer`.
 
         Args:
             question_program: ends in `belong_to`, which takes the choice (`Program.needs_choice`).
@@ -157,7 +159,7 @@ class Executor:
         except ExecutionError as e:
             takes_choice = next(i for i, step in enumerate(question.steps) if -1 in step.inputs)
             self._values(question.steps[:takes_choice])  # fails if it is not the choice's fault
-            found = self._supposed(lambda executor: executor._values(whole.steps))
+            found = self._possible_scenes.supposed(lambda e: e._values(whole.steps))
             if found is None:
                 return ChoiceAnswer(text, None, whole.tokens, (), str(e))
             values = found
@@ -165,11 +167,13 @@ class Executor:
         return ChoiceAnswer(text, "correct" if values[-1] else "wrong", whole.tokens, trace)
 
     def _prediction_scores(self, question: Program, answers: Sequence[ChoiceAnswer]) -> tuple[float, float] | None:
-        """Scores of the two collisions that a predictive question asks about, where they decide or give probabilities."""
+        """Scores of the two collisions that a predictive question asks about, if they decide or give probabilities."""
         scores = self.scene.unseen_scores
         if not self.data_set_rules or scores is None or question.tokens != PREDICTIVE or len(answers) != 2:
             return None
-        if any(a.error for a in answers) or (self.scene.uncertain is None and answers[0].answer != answers[1].answer):
+        if any(a.error for a in answers) or (
+            not self._possible_scenes.known and answers[0].answer != answers[1].answer
+        ):
             return None
         chosen = [a.trace[a.trace[-1].inputs[0]].value for a in answers]
         if not all(isinstance(e, Event) and e.kind == "collision" for e in chosen):
@@ -177,76 +181,46 @@ class Executor:
         return float(scores[chosen[0].objects]), float(scores[chosen[1].objects])
 
     def _exactly_one(self, answers: Sequence[ChoiceAnswer], first: float, second: float) -> list[ChoiceAnswer]:
-        """Two choices of which one is correct: if both are judged alike, that with the higher score, or the first."""
+        """Two choices, one of which is correct. If both are judged alike, it is the one with the higher score, or the first."""
         if answers[0].answer == answers[1].answer:
             words = ("correct", "wrong") if first >= second else ("wrong", "correct")
             answers = [replace(a, answer=word) for a, word in zip(answers, words, strict=True)]
-        if self.scene.uncertain is None:
+        if not self._possible_scenes.known:
             return list(answers)
-        one, other = first * (1 - second), second * (1 - first)
-        share = _simulated(one / (one + other) if one + other else 0.5)
+        share = first_of_two(first, second)
         return [replace(answers[0], probability=share), replace(answers[1], probability=1 - share)]
 
     def _with_probabilities(self, answers: Sequence[ChoiceAnswer]) -> list[ChoiceAnswer]:
-        """The choices with the probability that they are correct, but for those that failed."""
+        """The choices with the probability that they are correct; those that failed have none."""
         return [
             a if a.error else replace(a, probability=self._probability(Program.parse(a.program), "yes"))
             for a in answers
         ]
 
-    @cached_property
-    def _worlds(self) -> "list[tuple[int, Executor]]":
-        """Executors of the worlds that are possible as far as the scene is known, with their numbers of draws."""
-        return [(n, Executor(drawn)) for n, drawn in possible_scenes(self.scene)]
-
-    @cached_property
-    def _other_courses(self) -> "list[tuple[int, Executor]]":
-        """The same where its collisions alone are uncertain: what is supposed has the frames that were found."""
-        return [(n, Executor(drawn)) for n, drawn in possible_scenes(self.scene, collisions_only=True)]
-
-    @staticmethod
-    def _in_worlds(worlds: "list[tuple[int, Executor]]", run: "Callable[[Executor], Found]") -> list[tuple[int, Found]]:
-        """What a run gives in each world where it does not fail, with the world's number of draws."""
-        runs = []
-        for n, executor in worlds:
-            with suppress(ExecutionError):
-                runs.append((n, run(executor)))
-        return runs
-
-    def _supposed(self, run: "Callable[[Executor], Found]") -> Found | None:
-        """What a run gives in the most probable world where it does not fail; None where such worlds are too improbable."""
-        runs = [] if self.scene.uncertain is None else self._in_worlds(self._other_courses, run)
-        if sum(n for n, _ in runs) < MIN_SUPPOSED * N_DRAWS:
-            return None
-        return max(runs, key=lambda row: row[0])[1]
-
     def _supposing(self, run: "Callable[[Executor], Found]") -> Found:
-        """What a run gives in this scene, or where it fails, in the most probable world where it does not."""
+        """What a run gives for this scene or, if it fails, for the most probable scene for which it does not fail."""
         try:
             return run(self)
         except ExecutionError:
-            found = self._supposed(run)
+            found = self._possible_scenes.supposed(run)
             if found is None:
                 raise
             return found
 
     def _probability(self, program: Program, answer: Any) -> float | None:
-        """How probable an answer to a program is, as `_said`; None where that is not known.
+        """How probable an answer to a program is, in the form that `_said` gives; None if that is not known.
 
-        What is uncertain says nothing of speeds and masses.
+        The probabilities of a scene say nothing about speeds and masses.
         """
         if program.tokens[-1] == "query_image_direction":
             steps = program.steps[:-1]
             directions = self._supposing(lambda e: e.world.quantities.image_directions(e._values(steps)[-1]))
             return directions.get(answer, 0.0)
         tokens = frozenset(program.tokens)
-        if self.scene.uncertain is None or not EXTENSIONS.isdisjoint(tokens):
+        if not EXTENSIONS.isdisjoint(tokens):
             return None
-        kind = program.result
-        runs = self._in_worlds(self._worlds, lambda e: e._said(kind, e._values(program.steps)[-1]))
-        total = sum(n for n, _ in runs)
-        share = sum(n for n, said in runs if said == answer) / total if total else 0.0
-        return share if SIMULATED.isdisjoint(tokens) else _simulated(share)
+        share = self._possible_scenes.share(lambda e: e._said(program.result, e._values(program.steps)[-1]), answer)
+        return share if share is None or SIMULATED.isdisjoint(tokens) else simulated(share)
 
     def _said(self, kind: Kind, value: Any) -> Any:
         """An answer in words; for a list of events their kinds and the names of their objects, whatever their frames."""
@@ -287,11 +261,6 @@ class Executor:
                 shown = TraceStep(token, inputs, kind, value, _text(kind, value), objects, events)
             trace.append(shown)
         return tuple(trace)
-
-
-def _simulated(share: float) -> float:
-    """The probability of an answer about what was simulated, by the share of possible worlds that give it."""
-    return min(max(share, SIMULATED_DOUBT), 1 - SIMULATED_DOUBT)
 
 
 def _text(kind: Kind, value: Any) -> str:

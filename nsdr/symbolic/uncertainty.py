@@ -15,12 +15,6 @@ from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 N_DRAWS = 512
 """Draws of possible scenes. Probabilities that depend on several uncertain things are off by 0.006 on average."""
 SEED = 0
-SIMULATED_DOUBT = 0.005
-"""An answer about what was simulated is never surer than 1 minus this. Of 1,739 options of counterfactual questions about 300
-generated scenes of training that were 99 % sure, 0.46 % (0.23-0.91) were wrong (commands: docs/results.md, "Calibration")."""
-MIN_SUPPOSED = 0.05
-"""A question whose suppositions are less probable is refused. Of 49 collisions of left-out `train` scenes to which the
-network gives 0.01-0.05 none was true, and 12 of 32 with 0.05-0.2 (`python benchmarks/collisions.py --every 5`)."""
 FRAMES_OFF = {-2: 0.007, -1: 0.083, 0: 0.82, 1: 0.083, 2: 0.007}
 """How probable it is that an event is so many frames later than it was found. Of 8,067 entrances, exits and collisions of
 left-out `train` scenes, 81.9 % were exact and 16.4 % off by one frame (`python benchmarks/objects.py --every 5`, and
