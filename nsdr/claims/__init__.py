@@ -1,4 +1,4 @@
-"""What a text says about a video, and whether it is true: narrated answers and claims. Runs without PyTorch."""
+"""Claims of texts about a video: answers are narrated in claims, and claims are checked. Runs without PyTorch."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
 """Answers told in sentences that can be checked: what happens at which frame, and what follows from it.
 
 Every sentence before the answer is a claim in the grammar of `docs/rewards.md`, which `nsdr.claims.verification` reads back.
-Each stands on a line of its own.
+Each sentence is on a line of its own.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,21 +27,21 @@ EVENT_FILTERS = {"filter_in": "in", "filter_out": "out", "filter_collision": "co
 
 
 def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short") -> str:
-    """Tell how an answer follows from what happens, in checkable sentences, one a line; the last line is the tagged answer.
+    """Tell how an answer follows from what happens, in checkable sentences, each on a line, and last the tagged answer.
 
-    Events are told with their frames ("Frame 43: the red cube and the blue sphere collide."), then what is counted or asked
-    for, what led to what, what happens after the video ("After the video, …") or without an object ("Without the red cube, …").
-    Options of a multiple-choice question follow each other in their order. Objects are named by as many attributes as they
-    need.
+    Events are told first, with their frames ("Frame 43: the red cube and the blue sphere collide."). Then come what is counted
+    or asked for, what led to what, and what happens after the video ("After the video, …") or without an object ("Without the
+    red cube, …"). The options of a multiple-choice question are told in their order. Objects are named by as few attributes as
+    single them out.
 
-    What a program does that the sentences cannot say (such as sets within sets) is left out; its events are told all the same.
+    Parts of a program that the sentences cannot express, such as sets within sets, are left out; their events are still told.
 
     Args:
-        answer: of `Executor.answer` or `Executor.judge` with the paper's semantics, or one of the latter's choices. Where the
-            executor had to suppose another course of events (`Scene.uncertain`), the trace's facts differ from the scene's.
-        scene: the scene that it is about.
-        length: "short" tells what the answer rests on; "long" all observed events first, and all that happens without the
-            removed object where the question asks for that.
+        answer: a result of `nsdr.Executor`, or one of its choices. If the executor had to suppose another course of events
+            (`Scene.uncertain`), the trace's facts differ from the scene's.
+        scene: the scene that the answer is about.
+        length: "short" tells what the answer is based on. "long" also tells all observed events and, if the question removes
+            an object, all that happens without it.
 
     Raises:
         ExecutionError: an unknown length, or an answer without a trace.
@@ -55,7 +55,7 @@ def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
 
 
 def reasons(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short") -> list[str]:
-    """The sentences of `narrate` before the answer; its arguments and errors."""
+    """The sentences of `narrate` before the answer. Arguments and errors are those of `narrate`."""
     if length not in get_args(Length):
         raise ExecutionError(f"length {length!r}: expected {' or '.join(get_args(Length))}")
     judged = (answer,) if answer.trace or isinstance(answer, ChoiceAnswer) else answer.choices or (answer,)
@@ -64,12 +64,12 @@ def reasons(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
         if one.trace:
             told.conclude(Program.parse(one.program).steps, one.trace)
         elif not (isinstance(one, ChoiceAnswer) and one.error):
-            raise ExecutionError("the answer has no trace; expected one of an executor with semantics 'paper'")
+            raise ExecutionError("the answer has no trace; expected a result of nsdr.Executor")
     return told.sentences()
 
 
 class _Narration:
-    """Collects the events and statements that the answer to one question rests on."""
+    """Collects the events and statements on which the answer to one question is based."""
 
     def __init__(self, scene: Scene, length: Length) -> None:
         self.scene, self.long = scene, length == "long"
@@ -87,7 +87,7 @@ class _Narration:
         return list(dict.fromkeys(written(s) for s in (*events, *self.states, *self.conclusions)))
 
     def name(self, index: int, without: str = "") -> ObjectPhrase:
-        """An object by as few attributes as single it out, colour and shape first, and not the attribute `without`."""
+        """The object, named by as few attributes as single it out. Color and shape come first; `without` is not used."""
         names = [n for n in ATTRIBUTES if n != without]
         subsets = [s for size in range(1, len(names) + 1) for s in combinations(names, size)]
         preferred = [s for s in subsets if {"color", "shape"} - {without} <= set(s)]
@@ -104,7 +104,7 @@ class _Narration:
         return EventPhrase(event.kind, tuple(self.name(i) for i in event.objects), frame)
 
     def conclude(self, steps: Sequence[Step], trace: Sequence[TraceStep]) -> None:
-        """Add what a trace's answer rests on."""
+        """Add what the answer of a trace is based on."""
         index = len(trace) - 1
         while trace[index].module == "negate":
             index = trace[index].inputs[0]
@@ -163,10 +163,10 @@ class _Narration:
             self.conclusions.append(Statement("cause", True, events=(self.event(event, event.frame), effect)))
 
     def _elsewhere(self, event: Event, events: Sequence[Event], removed: int | None = None) -> None:
-        """Whether a collision happens after the video, or without an object, and what that rests on.
+        """Add whether a collision happens after the video or without an object, and on what that is based.
 
-        After the video it rests on the last event of each of its objects, if they collide, and on what else happens then;
-        without an object, on all collisions that the video does not share. A long text tells those that it shares, too.
+        After the video, it is based on the last event of each of its objects, if they collide, and on what else happens then.
+        Without an object, it is based on all collisions that do not happen in the video. A long text also tells the others.
         """
         observed = [e for e in self.scene.events if e.kind == "collision"]
         happening, seen = {e.objects for e in events}, {e.objects for e in observed}
@@ -216,7 +216,7 @@ class _Narration:
             self.conclusions.append(Statement("attribute", objects=told, words=(step.value,), attribute=attribute))
 
     def _placed(self, index: int, order: TraceStep, steps: Sequence[Step], trace: Sequence[TraceStep]) -> None:
-        """ "the second cube to enter is the red cube", where that says all that the program does."""
+        """Add "the second cube to enter is the red cube", if that says all that the program does."""
         said = self._collected(steps, trace, order.inputs[0])
         if said is None or said.kind != "count" or said.relation or not (said.objects or said.events[0].objects):
             return
@@ -228,7 +228,7 @@ class _Narration:
     def _collected(self, steps: Sequence[Step], trace: Sequence[TraceStep], index: int) -> Statement | None:
         """What a step collects, without its number.
 
-        None for a set that is more than one class of objects, motion, kind of events and boundary in time.
+        None for a set that combines several classes of objects, kinds of events or boundaries in time.
         """
         if trace[index].kind == Kind.OBJECTS:
             return _class_of(steps, trace, index)
@@ -271,7 +271,7 @@ class _Narration:
 
 
 def _class_of(steps: Sequence[Step], trace: Sequence[TraceStep], index: int) -> Statement | None:
-    """The objects, or those in one state of motion, that a step collects."""
+    """The class of objects that a step collects, or those of it that are in one state of motion."""
     words = attribute_words(steps, index)
     motion, frame = "", None
     while steps[index].inputs:

@@ -1,14 +1,13 @@
-"""What a sentence says about a video, before it is compared with a scene."""
+"""Statements of sentences about a video, before they are compared with a scene."""
 
 from dataclasses import dataclass
 
 PAST_KINDS = {"in": "entrance", "out": "exit", "collision": "collision"}
-"""Kind of the claim that an event of each kind happens in the video."""
-
+"""The kind of the statement that an event of each kind happens in the video."""
 HAPPENING = (*PAST_KINDS.values(), "future", "counterfactual")
-"""Kinds of claims that an event happens, or how many do after the video."""
+"""Kinds of statements that an event happens, or how many happen after the video."""
 PLACES = {"first": 1, "second": 2, "last": -1}
-"""Places in a row of events, as in `Statement.number`."""
+"""Places in a sequence of events, as in `Statement.number`."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +17,8 @@ class ObjectPhrase:
     Attributes:
         text: as it is written.
         words: attribute words, in the vocabulary's spelling.
-        definite: whether it stands for one particular object ("the cube"), not for any ("a cube").
-        known: whether its words say which object is meant; "it" does not.
+        definite: whether it stands for one particular object ("the cube") and not for any object ("a cube").
+        known: whether its words say which object is meant. Those of "it" do not.
     """
 
     text: str
@@ -34,7 +33,7 @@ class EventPhrase:
 
     Attributes:
         kind: "in", "out" or "collision", as in `nsdr.types.Event`.
-        objects: one, or two for a collision; none for a collision of any objects.
+        objects: one object, or two for a collision. None for a collision of any objects.
         frame: the stated frame; None if there is none.
     """
 
@@ -51,15 +50,16 @@ class Statement:
         kind: "attribute", "presence", "count", "entrance", "exit", "collision", "order", "motion", "future", "counterfactual"
             or "cause".
         negated: whether the sentence denies it.
-        objects: the subject of an attribute or motion; the class that is counted or ordered, then who fills the place; the
-            object that is responsible for an event.
-        events: the event; for "order" and "cause" the earlier named and the later named one.
-        words: stated attribute words; for motion and its counts "moving", "stationary", "ever moving" or "never moving".
-        attribute: "color", "material" or "shape" where the sentence names it, else "".
-        number: stated count; for an order the place: 1, 2 or -1 for the last.
-        frame: stated frame of a motion or count, or the boundary of `relation`; None for the whole video.
-        relation: "before" or "after": how the event or the counted events lie to `frame`, or the first event to the second.
-        removed: the object without which it happens.
+        objects: for "attribute" and "motion", the subject; for "count", the class that is counted; for "order", the class that
+            is ordered and the object at the place; for "cause", the object that is responsible for the event.
+        events: the event; for "order" and "cause", two events in the order in which the sentence names them.
+        words: the stated attribute words; for motion and its counts "moving", "stationary", "ever moving" or "never moving".
+        attribute: "color", "material" or "shape" if the sentence names it, else "".
+        number: the stated count; for "order", the place: 1, 2, or -1 for the last.
+        frame: the stated frame of a motion or count, or the boundary of `relation`; None for the whole video.
+        relation: "before" or "after" if the event or the counted events are on this side of `frame`, or the first event is on
+            this side of the second.
+        removed: the object without which the event happens.
     """
 
     kind: str

@@ -1,21 +1,21 @@
-"""Finds the claims of a text about a video, and whether they hold in its scene."""
+"""Finds the claims of a text about a video, and says whether they hold in its scene."""
 
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from nsdr.claims.judge import ClaimJudge, Verdict
+from nsdr.claims.checking import StatementChecker, Verdict
 from nsdr.claims.reading import read_sentence
 from nsdr.claims.statements import Statement
 from nsdr.types import Scene
 from nsdr.validation import Count, convert, expect
 
 TOLERANCE_FRAMES = 1
-"""By how many frames a stated frame may differ from the scene's. CLEVRER's own files differ by as much: of 29 collisions in
-annotations and in the release's `processed_proposals`, 18 have the same frame in both and 11 are one later in the latter."""
+"""The largest difference between a stated frame and the scene's. CLEVRER's own files differ by as much: of 29 collisions in
+annotations and in the release's `processed_proposals`, 18 have the same frame in both, and 11 are one later in the latter."""
 
 MAX_SENTENCE = 400
-"""Longest sentence that is read (characters): more than twice the longest of `narrate`, and short enough to be read at once."""
+"""The longest sentence that is read (characters): more than twice as long as any that `narrate` writes."""
 OTHER_COURSES = ("future", "counterfactual")
 """Kinds of claims that are not about the video."""
 _PASSED_OVER = re.compile(r"<answer>.*?(?:</answer>|\Z)|</?\w+>|[*_`#>|]+", re.DOTALL | re.IGNORECASE)
@@ -29,7 +29,7 @@ _OTHER_WORLD = re.compile(
     r"missing|not exist|delet\w+|eliminat\w+|ignor\w+|exclud\w+|tak(?:e|ing|en)\b.*\b(?:away|out))\b",
     re.IGNORECASE,
 )
-"""Words that make uncertain what follows an unread sentence: it may be about another course of events, or be reported."""
+"""Words of an unread sentence after which claims cannot be checked: they may be about another course of events, or reported."""
 _DENIAL = re.compile(
     r"^\W*(?:no,|wait\b|actually\b|hmm\b|correction\b|oops\b|sorry\b)|"
     r"^\W*(?:but |however,? )?(?:this|that|it|which)\b.*\b(?:not|false|wrong|incorrect|untrue|never|impossible|unclear)\b|"
@@ -37,7 +37,7 @@ _DENIAL = re.compile(
     r"^\W*(?:false|wrong|incorrect|not (?:true|correct|right|really))\b|^\W*no\W*$|^\W*there (?:is|was) no such\b",
     re.IGNORECASE,
 )
-"""Sentences that take back what the one before them says, unless they are claims themselves."""
+"""Sentences that take back what the sentence before them says, unless they are claims themselves."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class Verification:
 
     Attributes:
         claims: what was read, in the order of the text.
-        skipped: (start, end) of the sentences that make no claim or are not read.
+        skipped: (start, end) of the sentences that make no claim or cannot be read.
     """
 
     claims: tuple[Claim, ...]
@@ -84,21 +84,21 @@ class Verification:
 def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) -> Verification:
     """Find each claim of a text, and whether it holds.
 
-    A sentence is read as a whole or skipped (the grammar is in `docs/rewards.md`). Questions, options with letters and what
-    is in answer tags are skipped. What follows a sentence that may open another course of events ("Suppose the cube is
-    removed.") and what the next sentence takes back ("Wait, that is wrong."), can't be checked.
+    A sentence is read as a whole or skipped (the grammar is in `docs/rewards.md`). Questions, options with letters and the
+    content of answer tags are skipped. Two sorts of claims cannot be checked: those after a sentence that may open another
+    course of events ("Suppose the cube is removed."), and those that the next sentence takes back ("Wait, that is wrong.").
 
     Args:
-        text: such as a language model's reasoning.
+        text: a text about a video, such as a language model's reasoning.
         scene: the scene of the video, which counts as the truth.
-        tolerance_frames: by how many frames a stated frame may differ from the scene's.
+        tolerance_frames: the largest difference between a stated frame and the scene's.
 
     Raises:
-        DataError: `text` is no text, or the tolerance no whole number from 0 on.
+        DataError: `text` is not a text, or the tolerance is not a whole number of at least 0.
     """
     expect(isinstance(text, str), "verify.text", "a text", text)
     convert({"tolerance_frames": tolerance_frames}, dict[str, Count], "verify.")
-    judge = ClaimJudge(scene, tolerance_frames)
+    checker = StatementChecker(scene, tolerance_frames)
     claims: list[Claim] = []
     skipped: list[tuple[int, int]] = []
     said: list[Claim] = []  # by the sentence before
@@ -115,7 +115,7 @@ def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) ->
             claims[-len(said) :] = taken_back
         said = []
         for statement in statements:
-            verdict = judge.judge(statement)
+            verdict = checker.check(statement)
             if uncertain and statement.kind not in OTHER_COURSES:
                 verdict = Verdict(None, "a sentence before it may open another course of events", verdict.objects)
             said.append(Claim(**vars(verdict), text=shown, start=sentence.start, end=sentence.end, statement=statement))
@@ -131,7 +131,7 @@ def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) ->
 
 @dataclass(frozen=True)
 class _Sentence:
-    """Where a sentence stands, its text without markup, and whether it may be a claim."""
+    """The place of a sentence, its text without markup, and whether it may be a claim."""
 
     start: int
     end: int
@@ -142,7 +142,7 @@ class _Sentence:
 
 
 def _sentences(text: str) -> Iterator[_Sentence]:
-    """The sentences of a text; one never goes over the end of a line."""
+    """The sentences of a text. A sentence ends at the end of its line at the latest."""
     blank = _PASSED_OVER.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     position, after_gap = 0, False
     for number, line in enumerate(blank.split("\n")):

@@ -38,7 +38,7 @@ def causal_path(events: Sequence[Event], starts: Callable[[Event], bool], target
     Args:
         events: in order of time.
         starts: whether a chain may start at an event.
-        target: one of the events; the chain is it alone where `starts` accepts it.
+        target: one of the events. If `starts` accepts it, the chain consists of it alone.
     """
     causes = direct_causes(events)
     end = events.index(target)

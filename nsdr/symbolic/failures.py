@@ -1,4 +1,4 @@
-"""Failed steps of programs in a user's words."""
+"""Error messages about failed steps, in the words of a user."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,11 +20,11 @@ def failure(
     """The error of a step, in words.
 
     Args:
-        error: what the step's module raised.
-        steps: of the program that failed.
-        index: of the failed step.
-        values: of the steps before it.
-        world: that it ran on.
+        error: the error of the step's module.
+        steps: the steps of the program that failed.
+        index: the index of the failed step.
+        values: the values of the steps before it.
+        world: the world that the program ran on.
         where: the choice that the step belongs to, such as "choice B"; "" for the question.
 
     Returns:

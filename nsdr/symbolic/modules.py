@@ -88,7 +88,7 @@ ONLY_COLLISIONS = "is not known: after the video, and with an object removed or 
 
 
 def _filtered(events: Events, fits: Callable[[Event], bool]) -> Events:
-    """The events that fit; of events of which only collisions are known, again such ones."""
+    """The events that fit. They are `Collisions` if the given events are."""
     found = [e for e in events if fits(e)]
     return Collisions(found) if isinstance(events, Collisions) else tuple(found)
 
@@ -191,7 +191,7 @@ _TABLE = [
     Module("query_shape", (_OBJECT,), Kind.SHAPE, lambda w, one: w.object(one).shape, "shape of an object"),
     Module("get_frame", (_EVENT,), Kind.FRAME, lambda w, event: w.frame_of(event), "frame of an event"),
     Module("get_object", (_EVENT,), Kind.OBJECT, _get_object, "object of an entrance or exit"),
-    Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda w, one, frame: w.quantities.direction(one, frame), "direction in which an object moves: left, right, towards or away from the camera; in the official semantics left, right, up or down", False),
+    Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda w, one, frame: w.quantities.direction(one, frame), "direction in which an object moves: left, right, towards or away from the camera; in the released executor left, right, up or down", False),
     Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: _without(w, w.possible, one), "collisions that happen without an object", False),
     Module("filter_color", (_OBJECTS, _COLOR), Kind.OBJECTS, _with("color"), "objects of a colour"),
     Module("filter_material", (_OBJECTS, _MATERIAL), Kind.OBJECTS, _with("material"), "objects of a material"),
@@ -234,12 +234,12 @@ WORDS: dict[str, Kind] = {
 """Tokens that are their own value: attribute words and orders."""
 
 EXTENSION_WORDS: dict[str, Kind] = dict.fromkeys(CHANGES, Kind.CHANGE)
-"""Such tokens for questions beyond CLEVRER: changes of an object."""
+"""Tokens that are their own value, for questions beyond CLEVRER: changes of an object."""
 
 ALL_WORDS: dict[str, Kind] = WORDS | EXTENSION_WORDS
 
 EXTENSIONS = frozenset(EXTENSION_WORDS) | {"query_direction"} | {m.name for m in _TABLE if m.extension}
-"""Tokens that programs of CLEVRER's questions do not have, with a meaning in the paper's semantics."""
+"""Tokens that `nsdr.Executor` runs and programs of CLEVRER's questions do not have."""
 
 ARITY: dict[str, int] = {module.name: len(module.arguments) for module in _TABLE}
 """Number of arguments of each module."""

@@ -48,7 +48,7 @@ class OfficialEvent(Event):
     """
 
     def __post_init__(self) -> None:
-        """Nothing is checked: these events are no events of a scene."""
+        """Nothing is checked, as this is not an event of a scene."""
 
 
 class OfficialWorld:

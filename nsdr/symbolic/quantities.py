@@ -1,6 +1,6 @@
 """Speeds, directions and masses of a scene's objects, and what happens if one is changed.
 
-What the scene does not know, or not surely enough, is an `ExecutionError`: nothing is guessed.
+What is not known about the scene, or not with enough confidence, raises an `ExecutionError`. Nothing is guessed.
 """
 
 import math
@@ -18,7 +18,9 @@ from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, SAME_EVENT_FR
 from nsdr.world.vocabulary import DIRECTIONS, STATIONARY
 
 Simulate = Callable[[Intervention, int], Sequence[Event]]
-"""Collisions of a video, and after it, with an intervention at a frame. Raises `DataError` where it is impossible."""
+"""(intervention, frame) -> collisions of the video, and after it, with this intervention at this frame.
+
+Raises `DataError` if the intervention is impossible."""
 Extreme = Callable[..., int]
 """`max` or `min`."""
 
@@ -31,13 +33,13 @@ CHANGES: Mapping[str, Callable[[int], Intervention]] = {
 }
 """Changes of an object. Masses are changed from the start, velocities at the first frame at which the object is visible."""
 MOTION_ERROR_PX = 2.0
-"""Standard deviation that is taken for each component of `Scene.motion_px` (pixels). Of 188 objects of 40 videos of training
+"""Assumed standard deviation of each component of `Scene.motion_px` (pixels). Of 188 objects of 40 videos of training
 seeds, 68 % have errors up to 0.5 and 95 % up to 6, where an object is first or last seen at another frame
 (`python benchmarks/directions.py --first 370000 --videos 40`)."""
 CLEAR_DEGREES = 30.0
-"""A motion is in a direction if it is at most this far from it (degrees); beyond, no single word describes it."""
+"""The largest angle between a motion and a direction that describes it (degrees)."""
 SURE = 1.645
-"""Differences are taken for real if they exceed this many standard deviations: 95 % of a normal distribution is below."""
+"""Differences count as real if they exceed this many standard deviations. 95 % of a normal distribution lies below."""
 
 
 class Quantities:
@@ -45,7 +47,7 @@ class Quantities:
 
     Args:
         scene: the scene.
-        simulate: gives the collisions with an intervention; None where the scene cannot be simulated.
+        simulate: gives the collisions with an intervention; None if the scene cannot be simulated.
     """
 
     def __init__(self, scene: Scene, simulate: Simulate | None = None) -> None:
@@ -73,7 +75,7 @@ class Quantities:
 
     def image_directions(self, i: int) -> dict[str, float]:
         """Where an object moves in the image over the whole video: the words of `IMAGE_DIRECTIONS` with their probabilities, or
-        `STATIONARY` for an object that never moves. What counts is where it is first and last visible, not its way.
+        `STATIONARY` for an object that never moves. Only the first and the last visible position count, not the path.
         """
         motion, moving, name = self._scene.motion_px, self._scene.moving, self._name(i)
         if motion is None or moving is None:
@@ -94,14 +96,17 @@ class Quantities:
         return max(found, key=lambda word: found[word])
 
     def faster(self, i: int, j: int, frame: int | None) -> int:
-        """The faster of two objects at a frame; with None, by their highest speeds while visible."""
+        """The faster of two objects at a frame. If it is None, their highest speeds while they are visible are compared."""
         self._check_two(i, j)
         a, b = self._speed_of(i, frame), self._speed_of(j, frame)
         self._check_speeds(i, j, a, b)
         return i if a > b else j
 
     def extreme_speed(self, objects: Sequence[int], frame: int | None, extreme: Extreme) -> tuple[int, ...]:
-        """The fastest (`max`) or slowest (`min`) of the objects that are visible at a frame, with None ever; none of none."""
+        """The fastest (`max`) or slowest (`min`) of the objects that are visible at a frame, or at any frame if it is None.
+
+        Empty if no object is visible.
+        """
         visible = self._scene.visible if frame is None else self._scene.visible[:, [self._in_video(frame)]]
         speeds = {i: self._speed_of(i, frame) for i in objects if visible[i].any()}
         if not speeds:
@@ -118,7 +123,7 @@ class Quantities:
         return i if self._mass_difference(i, j) > 0 else j
 
     def extreme_mass(self, objects: Sequence[int], extreme: Extreme) -> tuple[int, ...]:
-        """The heaviest (`max`) or lightest (`min`) of the objects; none of none."""
+        """The heaviest (`max`) or lightest (`min`) of the objects; empty if there are none."""
         if not objects:
             return ()
         log_mass = self._masses[0]
@@ -151,7 +156,7 @@ class Quantities:
             raise ExecutionError(str(e)) from e
 
     def _velocity(self, i: int, frame: int | None) -> tuple[float, float]:
-        """Velocity of an object at a frame; says why it is not known."""
+        """Velocity of an object at a frame. The error says why it is not known."""
         velocity, name = self._velocities, self._name(i)
         if frame is None:
             raise ExecutionError(f"the speed of the {name} changes; ask for a time, such as 'when the video begins'")
@@ -167,7 +172,7 @@ class Quantities:
         return vx, vy
 
     def _speed_of(self, i: int, frame: int | None) -> float:
-        """Speed at a frame, or with None the highest while visible."""
+        """Speed at a frame. If it is None, the highest speed while the object is visible."""
         if frame is not None:
             return self.speed(i, frame)
         speed = np.linalg.norm(self._velocities[i, self._scene.visible[i]], axis=-1)
@@ -181,7 +186,7 @@ class Quantities:
             raise ExecutionError(f"{what} are about equally fast: the difference is within the error of measurement")
 
     def _mass_difference(self, i: int, j: int) -> float:
-        """Difference of log masses, which is larger than its error."""
+        """Difference of log masses. It is an error if the difference is within its own error."""
         log_mass, covariance = self._masses
         difference = float(log_mass[i] - log_mass[j])
         error = math.sqrt(max(float(covariance[i, i] + covariance[j, j] - 2 * covariance[i, j]), 0.0))

@@ -22,10 +22,10 @@ VERBS = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}
 
 @dataclass(frozen=True)
 class Boundary(Event):
-    """The start or end of the video as an event without objects; no set of events has it."""
+    """The start or end of the video as an event without objects. It is in no set of events."""
 
     def __post_init__(self) -> None:
-        """It is no event of a scene, and not checked like one."""
+        """Nothing is checked, as this is not an event of a scene."""
 
 
 class Causes(tuple[Event, ...]):
@@ -49,7 +49,7 @@ class Collisions(tuple[Event, ...]):
 
 
 class World:
-    """A scene with the paper's semantics.
+    """A scene as programs see it, by the rules of the paper and of CLEVRER's own answers.
 
     Args:
         scene: the scene.
@@ -73,7 +73,7 @@ class World:
 
     @cached_property
     def possible(self) -> Events:
-        """Every event that could happen; their frame is -1."""
+        """Every event that could happen. Their frames are -1."""
         pairs = [Event("collision", -1, pair) for pair in combinations(self.all_objects, 2)]
         return tuple(pairs + [Event(kind, -1, (i,)) for kind in ("in", "out") for i in self.all_objects])
 
@@ -102,7 +102,13 @@ class World:
         return event.frame
 
     def in_motion(self, objects: Objects, frame: int | None, wanted: bool) -> Objects:
-        """Objects that are visible, and move or (`wanted` is False) rest, at a frame; with None, ever or never move."""
+        """Those of some objects that are visible and in motion, or not in motion if `wanted` is False.
+
+        Args:
+            objects: ids of the objects.
+            frame: the frame at which they are; None for the whole video, in which an object is in motion if it ever moves.
+            wanted: whether they are in motion.
+        """
         visible, moving = self._scene.visible, self._scene.moving
         if moving is None:
             raise ExecutionError("motion is not known in this scene (it was made from events alone)")
@@ -135,7 +141,7 @@ class World:
         return "; ".join([event_sentence(e, self._names) for e in events]) or "none"
 
     def sentences(self, events: Sequence[Event]) -> tuple[str, ...]:
-        """Each event of a set as a sentence; frames after the video are about right only."""
+        """Each event of a set as a sentence. Frames after the video are approximate, and said to be."""
         names, n_frames = [f"the {name}" for name in self._names], self._scene.n_frames
         texts = [(e, event_sentence(e, names)) for e in events]
         return tuple(t if e.frame < n_frames else t.replace("(frame", "(about frame") for e, t in texts)

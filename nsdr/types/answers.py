@@ -35,8 +35,8 @@ class ChoiceAnswer:
 
     Attributes:
         choice: text of the choice or candidate.
-        answer: "correct" or "wrong"; None if it failed; with the official semantics also "error". A candidate is correct if it
-            says the answer.
+        answer: "correct" or "wrong"; None if it failed; "error" if it failed on an `OfficialExecutor`. A candidate is correct
+            if it says the answer.
         program: postfix tokens of the choice's program followed by the question's; empty if the text has no program, and for
             a candidate.
         trace: executed steps; empty if it failed, and for a candidate.

@@ -1,4 +1,4 @@
-"""Whether statements hold in a scene."""
+"""Checks whether statements hold in a scene."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -16,10 +16,10 @@ class Verdict:
     """Whether a statement holds.
 
     Attributes:
-        holds: True or False; None if it can't be said.
-        reason: why not, or why it can't be said; "" if it holds.
-        objects: ids of the objects that it names, as far as they are known.
-        event: the event of the scene that it is about, if it holds and is about one; the effect of a cause.
+        holds: True or False; None if that cannot be said.
+        reason: why it does not hold, or why that cannot be said; "" if it holds.
+        objects: ids of the objects that the statement names, as far as they are known.
+        event: the event of the scene that the statement is about, if it holds and is about one. For a cause, it is the effect.
     """
 
     holds: bool | None
@@ -29,19 +29,19 @@ class Verdict:
 
 
 class _Undecided(Exception):
-    """A noun phrase that stands for no object (False), or something that can't be told (None)."""
+    """Raised for a noun phrase that no object fits (`holds` is False), and for what cannot be said (`holds` is None)."""
 
     def __init__(self, holds: bool | None, reason: str) -> None:
         super().__init__(reason)
         self.holds, self.reason = holds, reason
 
 
-class ClaimJudge:
+class StatementChecker:
     """Compares statements with one scene, which counts as the truth.
 
     Args:
         scene: the scene.
-        tolerance_frames: by how many frames a stated frame may differ from the scene's.
+        tolerance_frames: the largest difference between a stated frame and the scene's.
     """
 
     def __init__(self, scene: Scene, tolerance_frames: int) -> None:
@@ -55,7 +55,7 @@ class ClaimJudge:
             "count": self._count,
         }
 
-    def judge(self, said: Statement) -> Verdict:
+    def check(self, said: Statement) -> Verdict:
         """Whether a statement holds."""
         removed = [said.removed] if said.removed else []
         phrases = [*said.objects, *(p for e in said.events for p in e.objects), *removed]
