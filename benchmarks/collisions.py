@@ -1,8 +1,8 @@
 """Observed collisions one by one: what is missed and why, how probabilities are calibrated, and the weights of the evidence.
 
 `python benchmarks/collisions.py --proposals FILE.npz --truth FILE.json.gz [--every 5] [--scenes N]` lists the
-missed and the false collisions of the physics backend; `--weights` fits those of `Evidence`. `--every 5` keeps the scenes
-whose index 5 divides: those of `train` that the collision network was not trained on.
+missed and the false collisions of the physics backend; `--weights` fits those of `CollisionEvidence`. `--every 5` keeps the
+scenes whose index 5 divides: those of `train` that the collision network was not trained on.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from nsdr.clevrer.files.annotations import read_truth
 from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_ground_truth
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
-from nsdr.dynamics.physics.collision_search import CollisionSearch, Evidence, search_collisions
+from nsdr.dynamics.physics.collision_search import CollisionEvidence, CollisionSearch, search_collisions
 from nsdr.dynamics.registry import load_backend
 from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.checkpoint import find_checkpoint
@@ -33,7 +33,7 @@ TOLERANCE_FRAMES = 3
 RIDGE = 0.05
 """Weight decay of the logistic regression, of inputs in `SCALES`."""
 SCALES = (1.0, 1.0, 0.05)
-"""Units of the constant and the numbers of `Evidence` in the regression."""
+"""Units of the constant and the numbers of `CollisionEvidence` in the regression."""
 FOLDS = 5
 
 
@@ -159,7 +159,7 @@ def _error_line(
     if found is None:
         return line
     without, given = search.fitted(chosen - {found}), search.fitted(chosen | {found})
-    return f"{line} {given.cost:.3f} {without.cost:.3f} {Evidence.of(pair, p, given).gap:.3f}"
+    return f"{line} {given.cost:.3f} {without.cost:.3f} {CollisionEvidence.of(pair, p, given).gap:.3f}"
 
 
 def print_weights(videos: list[Video], backend: Any) -> None:

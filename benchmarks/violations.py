@@ -40,7 +40,7 @@ from nsdr.io.reading import read_json
 from nsdr.laws.breaks import HIDDEN_NOISE_WORLD, JUMP_FRAMES
 from nsdr.laws.evidence import evidence_in_time
 from nsdr.laws.judge import judgement_of
-from nsdr.laws.motion import Evidence, Explanation
+from nsdr.laws.motion import Evidence, cut_motion
 from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals
@@ -194,7 +194,7 @@ def fit(rows: list[Row], official: list[list[Evidence]]) -> None:
 
 def jumps(proposals: VideoProposals) -> list[float]:
     """How far objects seem to jump in a lawful video where they are hidden, if only in part (world units)."""
-    explanation = Explanation(states_from_tracks(track(proposals)))
+    explanation = cut_motion(states_from_tracks(track(proposals)))
     breaks = [b for one in explanation.breaks for b in one if b.is_sure]
     hidden = [b for b in breaks if b.hidden_frames > JUMP_FRAMES >= b.missing_frames]
     known = [b for b in hidden if b.place_variance < HIDDEN_NOISE_WORLD**2]

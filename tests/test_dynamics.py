@@ -13,7 +13,8 @@ from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_t
 from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.dynamics.propnet.layers import PropNet, mlp
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
-from nsdr.dynamics.sliding import fit_sliding, slide
+from nsdr.dynamics.sliding import slide
+from nsdr.dynamics.stretch import fit_stretch
 from nsdr.dynamics.track_smoothing import frames_in_image, smooth_tracks
 from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import track
@@ -252,10 +253,10 @@ def test_free_sliding_is_fitted_through_noise_and_outliers() -> None:
     distance, _ = slide("cylinder", np.array(2.0), frames * FRAME_SECONDS)
     positions = np.array([-1.0, 0.5]) + distance[:, None] * np.array([0.6, 0.8]) + rng.normal(size=(40, 2)) * 0.006
     positions[10:14] += 0.3
-    position, velocity, residual = fit_sliding("cylinder", frames, positions, np.ones(40), 0.0)
-    np.testing.assert_allclose(position, [-1.0, 0.5], atol=0.01)
-    np.testing.assert_allclose(velocity, [1.2, 1.6], atol=0.03)
-    assert residual < 0.02
+    stretch = fit_stretch("cylinder", frames, positions, np.ones(40))
+    np.testing.assert_allclose(stretch.motion, [-1.0, 0.5, 1.2, 1.6], atol=0.03)
+    assert stretch.median_residual < 0.02
+    np.testing.assert_allclose(stretch.place(np.array([39.0])), positions[39:], atol=0.03)
 
 
 def states_of(shape: str, positions: np.ndarray, seen: np.ndarray) -> MotionStates:

@@ -22,7 +22,7 @@ from nsdr.io.files import write_json
 from nsdr.io.video import read_video, write_video
 from nsdr.laws.evidence import evidence_in_time, evidence_of
 from nsdr.laws.judge import judge
-from nsdr.laws.motion import Evidence, Explanation, strongest
+from nsdr.laws.motion import Evidence, cut_motion, strongest
 from nsdr.laws.presence import renamed
 from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import track, tracks_from_annotation
@@ -136,7 +136,7 @@ def test_both_objects_of_a_broken_collision_are_one_violation() -> None:
 def test_another_ground_in_two_stretches_is_one_violation() -> None:
     made = break_law(lawful(SEEDS["friction"]), "friction", "clear", SEEDS["friction"])
     assert made is not None
-    explanation = Explanation(states_from_tracks(tracks_of(made[0])))
+    explanation = cut_motion(states_from_tracks(tracks_of(made[0])))
     (whole,) = (e for e in explanation.motion() if e.law == "friction")
     (i,) = whole.objects
     explanation.stretches[i] = [s for s in explanation.stretches[i] for _ in range(2 if s.gain else 1)]

@@ -10,7 +10,7 @@ import torch
 from nsdr import CheckpointError, DataError, DynamicsPrediction, Event, Remove, StatePredictor, states_from_tracks
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
-from nsdr.dynamics.physics.collision_search import Evidence, closest_gap, log_odds, search_collisions
+from nsdr.dynamics.physics.collision_search import CollisionEvidence, closest_gap, log_odds, search_collisions
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.forces import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
@@ -21,7 +21,7 @@ from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.dynamics.propnet.patches import patch_boxes
 from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
 from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
-from nsdr.dynamics.velocity_events import VelocityEvents, velocity_collisions
+from nsdr.dynamics.velocity_events import VelocityEvents, collisions_from_motion
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Rollout, SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
@@ -180,18 +180,18 @@ def test_evidence_of_fits_that_fail_or_do_not_meet() -> None:
     motion = run(three)
     good = replace(fit_trajectories(seen(motion, three.shape), []), states=motion.states, contact=motion.contacts[0])
     met = replace(good, cost=0.2)
-    assert Evidence.of((0, 1), 1.0, met) == Evidence(12.0, 0.0)
+    assert CollisionEvidence.of((0, 1), 1.0, met) == CollisionEvidence(12.0, 0.0)
     moved = good.states.copy()
     moved[1, :, 1] += 5.0
     apart = replace(good, states=moved, contact=np.full((2, 2), NO_CONTACT), cost=0.2)
-    assert Evidence.of((0, 1), 0.5, apart) == Evidence(0.0, pytest.approx(0.3 / (1 + 0.5**2)))
-    assert Evidence.of((0, 1), 0.5, replace(apart, cost=20.0)).gap == pytest.approx(0, abs=0.001)
+    assert CollisionEvidence.of((0, 1), 0.5, apart) == CollisionEvidence(0.0, pytest.approx(0.3 / (1 + 0.5**2)))
+    assert CollisionEvidence.of((0, 1), 0.5, replace(apart, cost=20.0)).gap == pytest.approx(0, abs=0.001)
     assert log_odds(0.5) == 0.0
 
 
 def test_evidence_adds_up() -> None:
     odds = 0.623 + 0.636 * 2.0 - 42.6 * 0.1
-    assert Evidence(2.0, 0.1).probability == pytest.approx(1 / (1 + np.exp(-odds)))
+    assert CollisionEvidence(2.0, 0.1).probability == pytest.approx(1 / (1 + np.exp(-odds)))
 
 
 def test_sure_candidates_are_not_tried_both_ways(monkeypatch) -> None:
@@ -360,12 +360,12 @@ def test_what_was_seen_briefly_is_known_less_exactly() -> None:
 def test_collisions_from_velocity_alone() -> None:
     motion = run(TWO)
     rollout = Rollout(motion.states[..., POSITION], np.ones((2, 128), bool), ())
-    found = velocity_collisions(rollout)
+    found = collisions_from_motion(rollout)
     assert [e.objects for e in found] == [(0, 1)]
     assert found[0].frame == pytest.approx(motion.contacts[0, 0, 1], abs=5)
     position = motion.states[..., POSITION].copy()
     position[:, :4] = np.nan  # seen from frame 4 on
-    assert velocity_collisions(replace(rollout, location_world=position)) == found
+    assert collisions_from_motion(replace(rollout, location_world=position)) == found
 
 
 def test_patch_boxes_ignore_what_hides_an_object_and_reach_back_before_the_video() -> None:

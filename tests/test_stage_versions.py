@@ -19,7 +19,7 @@ from nsdr.baselines.features.files import FeatureConfig
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.dynamics.scene import scene_from_prediction
-from nsdr.dynamics.velocity_events import velocity_collisions
+from nsdr.dynamics.velocity_events import collisions_from_motion
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
@@ -83,7 +83,7 @@ def _propnet() -> Any:
 def _dynamics() -> Any:
     made = _perception().explanation.prediction
     scene = scene_from_prediction(made)
-    by_velocity = velocity_collisions(made.observed)
+    by_velocity = collisions_from_motion(made.observed)
     return [[o.name for o in scene.objects], _events(scene.events), _events(scene.unseen or ()), _events(by_velocity)]
 
 

@@ -5,10 +5,7 @@ for spheres), b and c are Bullet's damping. The law's integral is a tangent for 
 spheres. Speeds come more exactly from such a fit than from differences of positions.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.validation import FloatArray
@@ -164,27 +161,3 @@ def fit_one(shape, seconds, location, weight):  # type: ignore[no-untyped-def]
             residual[t] = np.sqrt(x * x + y * y)
             weights[t] = max(weight[t], MIN_WEIGHT) / (1 + (residual[t] / (3 * NOISE_WORLD)) ** 2)
     return motion, residual
-
-
-def fit_sliding(
-    shape: str, frame_index: NDArray[Any], location_world: FloatArray, weight: FloatArray, reference: float
-) -> tuple[FloatArray, FloatArray, float]:
-    """Robust fit of free sliding.
-
-    Args:
-        shape: "cube", "sphere" or "cylinder".
-        frame_index: (N,) frames.
-        location_world: (N, 2) measured positions.
-        weight: (N,) weight of each position, 0-1.
-        reference: frame that the result refers to.
-
-    Returns:
-        Position (2,) and velocity (2,) at the reference frame, and the weighted median distance of the measured positions.
-    """
-    seconds = (np.asarray(frame_index, float) - reference) * FRAME_SECONDS
-    location, weight = np.ascontiguousarray(location_world, float), np.ascontiguousarray(weight, float)
-    motion, residual = fit_one(SHAPES.index(shape), seconds, location, weight)
-    order = np.argsort(residual)
-    share = np.cumsum(weight[order]) / max(weight.sum(), 1e-9)
-    median = float(residual[order[min(int(np.searchsorted(share, 0.5)), len(order) - 1)]])
-    return motion[:2], motion[2:], median

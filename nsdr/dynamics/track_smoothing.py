@@ -7,25 +7,23 @@ outline is shifted to it, because a cube's yaw is not known and fits are off by 
 border objects are far away: fits are better there than masks.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.motion_states import COLLISION_MARGIN_FRAMES, REST_SPEED_WORLD_PER_S, MotionStates, detections_in
-from nsdr.dynamics.sliding import fit_sliding, slide
+from nsdr.dynamics.stretch import Stretch, fit_stretch
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
 from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
-from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD
+from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 
-Motion = Callable[[int, int], tuple[FloatArray, FloatArray]]
-"""(start, end) -> positions and velocities (end - start, 2) of the frames between."""
 MIN_STRETCH_FRAMES = 4
 """Stretches whose detections reach over less than this get no speed (frames). Like the next, set on left-out scenes of
 `train`."""
@@ -59,17 +57,13 @@ class SmoothedTracks:
         location_world: (n, F, 2) fitted positions, also before and after an object was detected; NaN where nothing fits.
         velocity_world_per_s: (n, F, 2), NaN where nothing fits.
         visible: (n, F) bool, in the image as CLEVRER's annotations count it.
-        weight: (n, F) sum of the weights of the detections in the stretch that a frame belongs to; NaN where nothing fits.
-        middle_frame: (n, F) their weighted mean frame, or NaN.
-        spread_frames2: (n, F) weighted sum of the squares of their frames' distances from it, or NaN; infinite at rest.
+        stretches: of each object, as (first frame, frame after the last, stretch), where one fits.
     """
 
     location_world: FloatArray
     velocity_world_per_s: FloatArray
     visible: BoolArray
-    weight: FloatArray
-    middle_frame: FloatArray
-    spread_frames2: FloatArray
+    stretches: tuple[tuple[tuple[int, int, Stretch], ...], ...]
 
 
 def smooth_tracks(states: MotionStates, collisions: Sequence[Event]) -> SmoothedTracks:
@@ -77,7 +71,7 @@ def smooth_tracks(states: MotionStates, collisions: Sequence[Event]) -> Smoothed
     n, frames = states.present.shape
     location, velocity = np.full((n, frames, 2), np.nan), np.full((n, frames, 2), np.nan)
     visible = np.zeros((n, frames), bool)
-    weight, middle, spread = np.full((3, n, frames), np.nan)
+    stretches: list[list[tuple[int, int, Stretch]]] = [[] for _ in range(n)]
     box = states.box_xyxy_px
     for i, o in enumerate(states.objects):
         hits = sorted(e.frame for e in collisions if i in e.objects and e.frame < frames)
@@ -85,11 +79,11 @@ def smooth_tracks(states: MotionStates, collisions: Sequence[Event]) -> Smoothed
             after_collision = start if k == 0 else start + COLLISION_MARGIN_FRAMES
             stretch = _stretch(states, i, after_collision, end, before_first_collision=k == 0)
             if stretch is not None:
-                location[i, start:end], velocity[i, start:end] = stretch.motion(start, end)
-                weight[i, start:end], middle[i, start:end] = stretch.weight, stretch.middle_frame
-                spread[i, start:end] = stretch.spread_frames2
+                every = np.arange(start, end)
+                location[i, start:end], velocity[i, start:end] = stretch.place(every), stretch.velocity(every)
+                stretches[i].append((start, end, stretch))
         visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i], states.camera)
-    return SmoothedTracks(location, velocity, visible, weight, middle, spread)
+    return SmoothedTracks(location, velocity, visible, tuple(tuple(one) for one in stretches))
 
 
 def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
@@ -110,41 +104,21 @@ def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: 
     return np.stack([in_image(shape, on_ground(row), yaw, camera) for shape, row in zip(shapes, known, strict=True)])
 
 
-class _Stretch(NamedTuple):
-    """A fitted stretch of an object's track, and what it is based on, as in `SmoothedTracks`."""
-
-    motion: Motion
-    weight: float
-    middle_frame: float
-    spread_frames2: float
-
-
-def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_collision: bool) -> _Stretch | None:
+def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_collision: bool) -> Stretch | None:
     """The stretch of an object between two frames; None where no fit is good."""
-    shape = states.objects[i].shape
-    last = end if end == states.present.shape[1] else end - COLLISION_MARGIN_FRAMES
+    last = end if end == states.n_frames else end - COLLISION_MARGIN_FRAMES
     detected = np.flatnonzero(states.detected[i, start:last]) + start
     if len(detected) < detections_in(MIN_STRETCH_FRAMES, states.spacing_frames):
         return None
     positions, weight = states.location_world[i, detected], states.weight[i, detected]
-    reference = float(detected[0])
-    position, velocity, residual = fit_sliding(shape, detected, positions, weight, reference)
-    if residual > MAX_RESIDUAL_WORLD:
+    stretch = fit_stretch(states.objects[i].shape, detected, positions, weight)
+    if stretch.median_residual > MAX_RESIDUAL_WORLD:
         return None
-    total = float(weight.sum())
-    middle = float(weight @ detected) / total
-    speed = float(np.hypot(*velocity))
-    if before_first_collision and speed < REST_SPEED_WORLD_PER_S:
-        rest = np.average(positions, axis=0, weights=weight)
-        return _Stretch(lambda a, b: (np.tile(rest, (b - a, 1)), np.zeros((b - a, 2))), total, middle, np.inf)
-    direction = velocity / max(speed, 1e-9)
-
-    def sliding(a: int, b: int) -> tuple[FloatArray, FloatArray]:
-        seconds = (np.arange(a, b) - reference) * FRAME_SECONDS
-        distance, speeds = slide(shape, np.array(speed), seconds)
-        return position + distance[:, None] * direction, speeds[:, None] * direction
-
-    return _Stretch(sliding, total, middle, float(weight @ (detected - middle) ** 2))
+    if before_first_collision and stretch.speed < REST_SPEED_WORLD_PER_S:
+        rest = np.array([*np.average(positions, axis=0, weights=weight), 0.0, 0.0])
+        residual = np.linalg.norm(positions - rest[:2], axis=1)
+        return replace(stretch, motion=rest, residual=residual, at_rest=True)
+    return stretch
 
 
 def frames_in_image(

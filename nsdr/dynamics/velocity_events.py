@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nsdr.clevrer.velocity_rule import velocity_collisions as grid_collisions
+from nsdr.clevrer.velocity_rule import velocity_collisions
 from nsdr.dynamics.base import Dynamics, Explanation
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.io.checkpoint import HasWeights
@@ -44,7 +44,7 @@ class VelocityEvents:
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
         """Explain the motion with collisions where it changes; see `nsdr.dynamics.Dynamics`."""
         seen = Rollout(states.location_world, states.present, ())
-        before = velocity_collisions(seen, states.camera) if collisions is None else tuple(collisions)
+        before = collisions_from_motion(seen, states.camera) if collisions is None else tuple(collisions)
         return _VelocityExplanation(self.backend.explain(states, before), before)
 
 
@@ -59,19 +59,19 @@ class _VelocityExplanation(Explanation):
         """The other explanation's rollout, and what its motion shows; raises `DataError` as that does."""
         rollout = self._motion.run(changes, from_frame, frames)
         if changes:
-            return replace(rollout, collisions=velocity_collisions(rollout, self.camera), uncertain=None)
+            return replace(rollout, collisions=collisions_from_motion(rollout, self.camera), uncertain=None)
         met = {e.objects for e in self._before}
         known = np.arange(rollout.visible.shape[1]) >= self.n_frames - LEAD_FRAMES
-        ahead = velocity_collisions(replace(rollout, visible=rollout.visible & known), self.camera)
+        ahead = collisions_from_motion(replace(rollout, visible=rollout.visible & known), self.camera)
         later = [e for e in ahead if e.frame >= self.n_frames and e.objects not in met]
         return replace(rollout, collisions=(*self._before, *later), unseen_scores=None, uncertain=None)
 
 
-def velocity_collisions(rollout: Rollout, camera: Camera = CLEVRER_CAMERA) -> tuple[Event, ...]:
+def collisions_from_motion(rollout: Rollout, camera: Camera = CLEVRER_CAMERA) -> tuple[Event, ...]:
     """Collisions of one rollout by the released executor's rule, each pair once, by frame."""
     n, frames = rollout.visible.shape
     grid = grid_from_pixels(camera.pixels(on_ground(rollout.location_world)))
     shown = rollout.visible & np.isfinite(grid).all(-1)
     samples = range(0, frames, SAMPLE_STRIDE_FRAMES)
     paths = [{t: (grid[i, t, 0], grid[i, t, 1]) for t in samples if shown[i, t]} for i in range(n)]
-    return tuple(sorted(grid_collisions(paths, SAMPLE_STRIDE_FRAMES), key=lambda e: e.frame))
+    return tuple(sorted(velocity_collisions(paths, SAMPLE_STRIDE_FRAMES), key=lambda e: e.frame))

@@ -4,7 +4,7 @@ A stretch (`nsdr.laws.stretches`) is cut in two where that explains its position
 generalised likelihood ratio), over and over.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -15,7 +15,7 @@ import numpy as np
 from nsdr.dynamics.motion_states import UNRELIABLE_WEIGHT, MotionStates
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.sliding import fit_one
-from nsdr.laws.stretches import CUT_GAIN, MIN_FRAMES, Positions, Stretch, costs
+from nsdr.laws.stretches import CUT_GAIN, MIN_PART_POSITIONS, Positions, TrackStretch, costs
 from nsdr.validation import FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FRAME_SECONDS
@@ -54,7 +54,7 @@ MIN_MARGIN_FRAMES, MAX_MARGIN_FRAMES = 0.3, 1.2
 """A change happens at most so long before or after the moment at which it seems to (frames)."""
 
 
-class Change(NamedTuple):
+class MotionChange(NamedTuple):
     """A change of place (world units) or velocity (world units/s), and the evidence of it (nats)."""
 
     size: float
@@ -65,8 +65,8 @@ class Change(NamedTuple):
 class Break:
     """A change of an object's motion between two stretches."""
 
-    before: Stretch
-    after: Stretch
+    before: TrackStretch
+    after: TrackStretch
 
     @property
     def i(self) -> int:
@@ -88,12 +88,12 @@ class Break:
 
     @property
     def hidden_frames(self) -> int:
-        """Between these."""
+        """Number of frames between the nearest reliable positions."""
         return self.seen[1] - self.seen[0]
 
     @property
     def missing_frames(self) -> int:
-        """Between the nearest positions of any kind."""
+        """Number of frames between the nearest positions, reliable or not."""
         return self.after.start - self.before.last
 
     @cached_property
@@ -113,30 +113,32 @@ class Break:
 
     @cached_property
     def place(self) -> FloatArray:
-        """(2,), where it happens (world units)."""
+        """(2,) where it happens (world units)."""
         return np.asarray(self.before.place(np.array([self.frame]))[0])
 
     @cached_property
     def change(self) -> FloatArray:
-        """(2,), of the velocity (world units/s)."""
-        return self.after.velocity(self.frame) - self.before.velocity(self.frame)
+        """(2,) change of the velocity (world units/s)."""
+        at = np.array([self.frame])
+        return np.asarray((self.after.velocity(at) - self.before.velocity(at))[0])
 
     @property
     def place_variance(self) -> float:
-        """Of each coordinate of the difference of the places before and after it (world units²)."""
+        """Variance of each coordinate of the difference of the places before and after it (world units²)."""
         at = np.array([self.frame])
-        return float(self.before.place_variance(at)[0] + self.after.place_variance(at)[0])
+        return float(sum(s.place_variance(at, s.track.noise)[0] for s in (self.before, self.after)))
 
-    def jump(self) -> Change:
-        """Of the place."""
+    def jump(self) -> MotionChange:
+        """The change of the place."""
         size = float(np.hypot(*(self.after.place(np.array([self.frame]))[0] - self.place)))
         noise = HIDDEN_NOISE_WORLD if self.hidden_frames > JUMP_FRAMES else PLACE_NOISE_WORLD[self.before.shape]
-        return Change(size, size**2 / (2 * (self.place_variance + noise**2)))
+        return MotionChange(size, size**2 / (2 * (self.place_variance + noise**2)))
 
-    def kick(self) -> Change:
-        """Of the velocity."""
+    def kick(self) -> MotionChange:
+        """The change of the velocity."""
         size, noise = float(np.hypot(*self.change)), VELOCITY_NOISE[self.before.shape]
-        return Change(size, size**2 / (2 * (self.before.velocity_variance + self.after.velocity_variance + noise**2)))
+        variance = sum(s.velocity_variance(s.track.noise) for s in (self.before, self.after))
+        return MotionChange(size, size**2 / (2 * (variance + noise**2)))
 
     @property
     def is_doubtful(self) -> bool:
@@ -149,8 +151,8 @@ class Break:
         return self.jump().size < SLIGHT_WORLD and self.kick().size < SLIGHT_WORLD_PER_S
 
 
-class ObjectStretches:
-    """An object's motion, cut into stretches.
+def positions_of(states: MotionStates, i: int, noise: float, known_ground: bool) -> Positions:
+    """The detected positions of object i.
 
     Args:
         states: the tracks.
@@ -158,59 +160,69 @@ class ObjectStretches:
         noise: standard deviation of reliable positions (world units).
         known_ground: whether the ground is known to be CLEVRER's.
     """
-
-    def __init__(self, states: MotionStates, i: int, noise: float, known_ground: bool) -> None:
-        frames = np.flatnonzero(states.detected[i])
-        box = states.box_xyxy_px[i, frames]
-        near_border = ((box[:, :2] < BORDER_PX) | (np.array([WIDTH_PX, HEIGHT_PX]) - box[:, 2:] < BORDER_PX)).any(1)
-        weight = np.where(near_border, UNRELIABLE_WEIGHT, states.weight[i, frames])
-        shape = SHAPES.index(states.objects[i].shape)
-        self._track = Positions(i, shape, frames, states.location_world[i, frames], weight, noise, known_ground)
-        self._ends = [0, *_cuts(self._track, 0, len(frames)), len(frames)]
-
-    def stretches(self) -> list[Stretch]:
-        """In order of time."""
-        return [self._track.rough_stretch(a, b) for a, b in pairwise(self._ends)]
-
-    def merge(self, is_explained: Callable[[Break], bool]) -> None:
-        """Undo slight cuts, and those that nothing lawful explains where one stretch fits as well; move those that nothing
-        explains beside another ground, made before it was known, to where both sides fit best."""
-        p = self._track
-        while len(self._ends) > 2:
-            gains = []
-            for a, b, c in zip(self._ends, self._ends[1:], self._ends[2:], strict=False):
-                both = Break(p.rough_stretch(a, b), p.rough_stretch(b, c))
-                if both.is_slight:
-                    gains.append(-np.inf)
-                elif not is_explained(both):
-                    gains.append(p.rough_stretch(a, c).cost - both.before.cost - both.after.cost)
-                else:
-                    gains.append(np.inf)
-            worst = int(np.argmin(gains))
-            if gains[worst] >= MERGE_GAIN:
-                break
-            del self._ends[worst + 1]
-        for k in range(1, len(self._ends) - 1):
-            a, b, c = self._ends[k - 1 : k + 2]
-            before, after = p.rough_stretch(a, b), p.rough_stretch(b, c)
-            if (before.gain or after.gain) and not is_explained(Break(before, after)):
-                self._ends[k] = self._moved(a, b, c)
-
-    def _moved(self, a: int, b: int, c: int) -> int:
-        """The best cut between a and c, or one near b that is better than its neighbours (a pattern search)."""
-        p, step = self._track, FIRST_STEP
-        while step:
-            steps = [m for m in (b, b - step, b + step) if a + MIN_FRAMES <= m <= c - MIN_FRAMES]
-            best = min(steps, key=lambda m: p.rough_stretch(a, m).cost + p.rough_stretch(m, c).cost)
-            if best == b:
-                step //= 2
-            b = best
-        return b
+    frames = np.flatnonzero(states.detected[i])
+    box = states.box_xyxy_px[i, frames]
+    near_border = ((box[:, :2] < BORDER_PX) | (np.array([WIDTH_PX, HEIGHT_PX]) - box[:, 2:] < BORDER_PX)).any(1)
+    weight = np.where(near_border, UNRELIABLE_WEIGHT, states.weight[i, frames])
+    return Positions(i, states.objects[i].shape, frames, states.location_world[i, frames], weight, noise, known_ground)
 
 
-def noise_of(stretches: Iterable[Stretch]) -> float:
+def cut(track: Positions) -> list[TrackStretch]:
+    """The stretches of an object's track, in order of time."""
+    ends = [0, *_cuts(track, 0, len(track.frames)), len(track.frames)]
+    return [track.rough_stretch(a, b) for a, b in pairwise(ends)]
+
+
+def merge(stretches: Sequence[TrackStretch], is_explained: Callable[[Break], bool]) -> list[TrackStretch]:
+    """The stretches without the cuts that say nothing.
+
+    Slight cuts are undone, and those that nothing lawful explains where one stretch fits as well. Cuts beside another ground,
+    which were made before that was known, are moved to where both sides fit best if nothing lawful explains them.
+
+    Args:
+        stretches: of one object, in order of time.
+        is_explained: whether something lawful explains a change between two stretches.
+    """
+    track, ends = stretches[0].track, [stretches[0].a, *(s.b for s in stretches)]
+    while len(ends) > 2:
+        gains = []
+        for a, b, c in zip(ends, ends[1:], ends[2:], strict=False):
+            both = Break(track.rough_stretch(a, b), track.rough_stretch(b, c))
+            if both.is_slight:
+                gains.append(-np.inf)
+            elif not is_explained(both):
+                gains.append(track.rough_stretch(a, c).cost - both.before.cost - both.after.cost)
+            else:
+                gains.append(np.inf)
+        worst = int(np.argmin(gains))
+        if gains[worst] >= MERGE_GAIN:
+            break
+        del ends[worst + 1]
+    for k in range(1, len(ends) - 1):
+        a, b, c = ends[k - 1 : k + 2]
+        before, after = track.rough_stretch(a, b), track.rough_stretch(b, c)
+        if (before.gain or after.gain) and not is_explained(Break(before, after)):
+            ends[k] = _best_cut_near(track, a, b, c)
+    return [track.rough_stretch(a, b) for a, b in pairwise(ends)]
+
+
+def _best_cut_near(track: Positions, a: int, b: int, c: int) -> int:
+    """The best cut between a and c, or one near b that is better than its neighbours (a pattern search)."""
+    step = FIRST_STEP
+    while step:
+        steps = [m for m in (b, b - step, b + step) if a + MIN_PART_POSITIONS <= m <= c - MIN_PART_POSITIONS]
+        best = min(steps, key=lambda m: track.rough_stretch(a, m).cost + track.rough_stretch(m, c).cost)
+        if best == b:
+            step //= 2
+        b = best
+    return b
+
+
+def noise_of(stretches: Iterable[TrackStretch]) -> float:
     """Standard deviation of each coordinate of the reliable positions around the stretches (world units)."""
-    every = np.concatenate([np.zeros(0), *(s.residual[s.reliable] for s in stretches if len(s) > 2 * MIN_FRAMES)])
+    every = np.concatenate(
+        [np.zeros(0), *(s.residual[s.reliable] for s in stretches if len(s) > 2 * MIN_PART_POSITIONS)]
+    )
     # The median distance of a normal distribution in the plane is 1.18 standard deviations.
     return max(float(np.median(every)) / 1.18 if len(every) else FIRST_NOISE_WORLD, MIN_NOISE_WORLD)
 
@@ -232,10 +244,10 @@ def _best_cut(shape, seconds, location, weight, noise, least):  # type: ignore[n
 
 def _cuts(track: Positions, a: int, b: int) -> list[int]:
     """Where to cut the positions a to b - 1, in ascending order."""
-    if b - a < 2 * MIN_FRAMES:
+    if b - a < 2 * MIN_PART_POSITIONS:
         return []
     seconds, location, weight = track.frames[a:b] * FRAME_SECONDS, track.location[a:b], track.weight[a:b]
-    k, cost = _best_cut(track.shape, seconds, location, weight, track.noise, MIN_FRAMES)
+    k, cost = _best_cut(SHAPES.index(track.shape), seconds, location, weight, track.noise, MIN_PART_POSITIONS)
     if track.stretch(a, b).cost - cost < CUT_GAIN:
         return []
     return [*_cuts(track, a, a + k), a + k, *_cuts(track, a + k, b)]

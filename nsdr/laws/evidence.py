@@ -7,7 +7,7 @@ import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
 from nsdr.laws.breaks import MIN_EVIDENCE
-from nsdr.laws.motion import Evidence, Explanation, strongest
+from nsdr.laws.motion import Evidence, cut_motion, strongest
 from nsdr.laws.presence import other_words, presence, renamed
 from nsdr.laws.timing import Timing
 from nsdr.types import VideoProposals, VideoTracks
@@ -29,13 +29,13 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
     processed = np.ones(tracks.n_frames, bool)
     if proposals is not None and proposals.processed is not None:
         processed = np.isin(np.arange(tracks.n_frames), proposals.processed)
-    forwards = Explanation(states)
+    forwards = cut_motion(states)
     motion, found = list(forwards.motion()), presence(forwards, processed)
     if proposals is not None:
         found = renamed(found, tracks, proposals, processed)
         found += other_words(forwards, tracks, proposals)
     # That the ground is another one, too, would be a second broken law.
-    backwards = Explanation(_reversed(states), forwards.noise, known_ground=True)
+    backwards = cut_motion(_reversed(states), forwards.noise, known_ground=True)
     gain = forwards.cost() - backwards.cost()
     if gain > MIN_EVIDENCE:
         every = tuple(range(len(states.objects)))

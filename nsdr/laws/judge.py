@@ -31,7 +31,7 @@ STEEPNESS = 3.3
 """Evidence against each law that makes its violation as probable as not (nats), and how fast the log odds grow with the
 evidence's logarithm: of 501 lawful scenes of `train` and of training seeds, printed by `python benchmarks/violations.py SUITE…
 --lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit` (docs/judge.md says how the suites were made)."""
-MIN_FRAMES, MAX_SPACING_FRAMES = 24, 3
+MIN_JUDGED_FRAMES, MAX_SPACING_FRAMES = 24, 3
 """Fewest frames that are judged, and how far apart they may lie (frames): with fewer, little is found, and farther apart lawful
 videos seem to break laws (`python benchmarks/judge_rates.py SUITE PROPOSALS_VALIDATION.npz`)."""
 
@@ -100,8 +100,8 @@ def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement
 def _checked_frames(proposals: VideoProposals) -> IntArray:
     """The frames that were processed, if they suffice."""
     frames = np.arange(proposals.n_frames) if proposals.processed is None else proposals.processed
-    if len(frames) < MIN_FRAMES:
-        raise VideoError(f"{len(frames)} different frames are too few to judge; expected {MIN_FRAMES} or more")
+    if len(frames) < MIN_JUDGED_FRAMES:
+        raise VideoError(f"{len(frames)} different frames are too few to judge; expected {MIN_JUDGED_FRAMES} or more")
     spacing = float(np.median(np.diff(frames)))
     if spacing > MAX_SPACING_FRAMES:
         least = f"expected {FPS / MAX_SPACING_FRAMES:.0f} or more, and a stride of no more than {MAX_SPACING_FRAMES}"

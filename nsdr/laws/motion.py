@@ -5,7 +5,8 @@ both objects change as masses and restitution allow, and objects that meet need 
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby, pairwise
 from typing import NamedTuple
 
@@ -20,10 +21,12 @@ from nsdr.laws.breaks import (
     SURE_FRAMES,
     VELOCITY_NOISE,
     Break,
-    ObjectStretches,
+    cut,
+    merge,
     noise_of,
+    positions_of,
 )
-from nsdr.laws.stretches import CUT_GAIN, Stretch
+from nsdr.laws.stretches import CUT_GAIN, TrackStretch
 from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
 from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
@@ -67,36 +70,44 @@ class Evidence(NamedTuple):
     looks: tuple[str, ...] = ()
 
 
-@dataclass
-class Explanation:
-    """The motion of a video's objects, and what in it is against the laws.
+def cut_motion(states: MotionStates, noise: float | None = None, known_ground: bool = False) -> "PiecewiseMotion":
+    """Cut the tracks where their motion changes.
 
     Args:
         states: the tracks.
         noise: standard deviation of their positions; None to measure it.
         known_ground: whether the ground is known to be CLEVRER's.
     """
+    every = range(len(states.objects))
+    if noise is None:
+        noise = noise_of(s for i in every for s in cut(positions_of(states, i, FIRST_NOISE_WORLD, known_ground=True)))
+    first = PiecewiseMotion(states, noise, [cut(positions_of(states, i, noise, known_ground)) for i in every])
+    # Each object's cuts are judged beside all that there were at first, also those of others that are merged by now.
+    return replace(first, stretches=[merge(one, first.is_explained) for one in first.stretches])
+
+
+@dataclass(frozen=True, eq=False)
+class PiecewiseMotion:
+    """The motion of a video's objects in stretches of free sliding, and what in it is against the laws.
+
+    Attributes:
+        states: the tracks.
+        noise: standard deviation of their positions (world units).
+        stretches: of each object, in order of time.
+    """
 
     states: MotionStates
-    noise: float | None = None
-    known_ground: bool = False
+    noise: float
+    stretches: list[list[TrackStretch]]
 
-    def __post_init__(self) -> None:
-        every = range(len(self.states.objects))
-        if self.noise is None:
-            first = (ObjectStretches(self.states, i, FIRST_NOISE_WORLD, known_ground=True) for i in every)
-            self.noise = noise_of(s for one in first for s in one.stretches())
-        objects = [ObjectStretches(self.states, i, self.noise, self.known_ground) for i in every]
-        self.frames = self.states.present.shape[1]
-        self._cut([o.stretches() for o in objects])
-        # Each object's cuts are judged beside all that there were at first, also those of others that are merged by now.
-        for one in objects:
-            one.merge(lambda b: self._lawful_nats(b, self._contacts(b)) < TOUCH_NATS)
-        self._cut([o.stretches() for o in objects])
+    @cached_property
+    def breaks(self) -> list[list[Break]]:
+        """The changes of motion of each object."""
+        return [[Break(a, b) for a, b in pairwise(one)] for one in self.stretches]
 
-    def _cut(self, stretches: list[list[Stretch]]) -> None:
-        self.stretches = stretches
-        self.breaks = [[Break(a, b) for a, b in pairwise(one)] for one in stretches]
+    def is_explained(self, b: Break) -> bool:
+        """Whether something lawful explains a change of motion."""
+        return self._lawful_nats(b, self._contacts(b)) < TOUCH_NATS
 
     def motion(self) -> Iterator[Evidence]:
         """Against the laws of motion."""
@@ -153,12 +164,12 @@ class Explanation:
             pair = (min(b.i, best.j), max(b.i, best.j))
             yield Evidence(law, pair, frame, frame + 1, amount, unit, nats)
 
-    def at(self, j: int, frame: float) -> Stretch | None:
+    def at(self, j: int, frame: float) -> TrackStretch | None:
         """The stretch of object j that a frame is in, or nearest to; None where none is within `SAME_FRAMES`."""
         near = [s for s in self.stretches[j] if s.start - SAME_FRAMES <= frame <= s.last + SAME_FRAMES]
         return min(near, key=lambda s: max(s.start - frame, frame - s.last), default=None)
 
-    def _sides(self, b: Break, j: int) -> tuple[Stretch, Stretch] | None:
+    def _sides(self, b: Break, j: int) -> tuple[TrackStretch, TrackStretch] | None:
         """Object j's motion before and after a change of another: of two stretches, or of the parts of one; None where too
         little is seen."""
         for other in self._changes_with(b, j):
@@ -212,7 +223,7 @@ class Explanation:
                     gap, nats = float(gaps[found.argmin()]), float(found.min())
         return gap, nats
 
-    def _near(self, j: int, when: FloatArray) -> list[Stretch]:
+    def _near(self, j: int, when: FloatArray) -> list[TrackStretch]:
         """Stretches that may tell where object j is at frames (F,): from the one before to the one after it."""
         every = self.stretches[j]
         first = [every[0].start - UNSEEN_FRAMES, *(s.last - SAME_FRAMES for s in every[:-1])]
@@ -254,7 +265,7 @@ class Explanation:
                     # While one hides the other, tracks are cut.
                     yield best._replace(frame=min(e.frame for e in found), end=max(e.end for e in found))
 
-    def _overlap(self, one: Stretch, other: Stretch) -> Evidence | None:
+    def _overlap(self, one: TrackStretch, other: TrackStretch) -> Evidence | None:
         """Against solidity in two stretches; None where they do not overlap."""
         # Near its ends a stretch may have been cut a frame too late.
         frames = np.arange(max(one.start, other.start) + 2.0, min(one.last, other.last) - 1.0)
@@ -312,17 +323,18 @@ def _is_opposite(one: Break, other: Break) -> bool:
     return kick.nats > MIN_EVIDENCE and float(one.change @ other.change) < -MIN_ALONG * one.kick().size * kick.size
 
 
-def _distance(one: Stretch, other: Stretch, frames: FloatArray) -> FloatArray:
+def _distance(one: TrackStretch, other: TrackStretch, frames: FloatArray) -> FloatArray:
     """(F,) between the centres of two objects (world units)."""
     return np.asarray(np.linalg.norm(one.place(frames) - other.place(frames), axis=1))
 
 
-def _distance_variance(one: Stretch, other: Stretch, frames: FloatArray) -> FloatArray:
-    """(F,) of that, and of the distance at which they touch."""
-    return one.place_variance(frames) + other.place_variance(frames) + REACH_NOISE_WORLD**2
+def _distance_variance(one: TrackStretch, other: TrackStretch, frames: FloatArray) -> FloatArray:
+    """(F,) variance of that distance, and of the one at which they touch (world units²)."""
+    mine, others = (s.place_variance(frames, s.track.noise) for s in (one, other))
+    return mine + others + REACH_NOISE_WORLD**2
 
 
-def _exchange(mine: Sequence[Stretch], other: Sequence[Stretch], frame: float) -> tuple[float, float]:
+def _exchange(mine: Sequence[TrackStretch], other: Sequence[TrackStretch], frame: float) -> tuple[float, float]:
     """Evidence against a lawful collision in how two objects change (nats), and the restitution that they show.
 
     The impulse on both is opposite, along the line from one to the other or nearly so, no larger than `MAX_RESTITUTION` allows,
@@ -331,10 +343,11 @@ def _exchange(mine: Sequence[Stretch], other: Sequence[Stretch], frame: float) -
     """
     at = np.array([frame])
     p, q = mine[0].place(at)[0], other[0].place(at)[0]
-    (before, after), (other_before, other_after) = ([s.velocity(frame) for s in pair] for pair in (mine, other))
+    (before, after), (other_before, other_after) = ([s.velocity(at)[0] for s in pair] for pair in (mine, other))
     change, other_change = after - before, other_after - other_before
     variance, other_variance = (
-        a.velocity_variance + b.velocity_variance + VELOCITY_NOISE[a.shape] ** 2 for a, b in (mine, other)
+        sum((s.velocity_variance(s.track.noise) for s in pair), VELOCITY_NOISE[pair[0].shape] ** 2)
+        for pair in (mine, other)
     )
     away = (p - q) / max(float(np.hypot(*(p - q))), 1e-9)
     approach = before - other_before

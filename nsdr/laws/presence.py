@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.laws.breaks import MIN_EVIDENCE
-from nsdr.laws.motion import SAME_FRAMES, Evidence, Explanation
+from nsdr.laws.motion import SAME_FRAMES, Evidence, PiecewiseMotion
 from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import detected_attributes
 from nsdr.tracking.visibility import in_image
@@ -28,43 +28,43 @@ PLACE_WORLD = 0.3
 """An object that turns up as near to the place of one that disappears takes its place (world units)."""
 
 
-def presence(explanation: Explanation, processed: NDArray[np.bool_]) -> list[Evidence]:
+def presence(motion: PiecewiseMotion, processed: NDArray[np.bool_]) -> list[Evidence]:
     """Against permanence; where one object takes another one's place, against identity.
 
     Args:
-        explanation: of the tracks.
+        motion: motion of the tracks.
         processed: (F,) the frames that were looked at.
     """
-    return _replaced(explanation, list(_permanence(explanation, processed)))
+    return _replaced(motion, list(_permanence(motion, processed)))
 
 
-def _permanence(explanation: Explanation, processed: NDArray[np.bool_]) -> Iterator[Evidence]:
+def _permanence(motion: PiecewiseMotion, processed: NDArray[np.bool_]) -> Iterator[Evidence]:
     """Against permanence: frames in which an object should be seen."""
-    states = explanation.states
-    for i in range(len(explanation.stretches)):
+    states = motion.states
+    for i in range(len(motion.stretches)):
         seen = np.flatnonzero(states.detected[i])
         gaps = [
             (0, int(seen[0])),
             *((int(a) + 1, int(b)) for a, b in pairwise(seen)),
-            (int(seen[-1]) + 1, explanation.frames),
+            (int(seen[-1]) + 1, motion.states.n_frames),
         ]
         for start, end in gaps:
             # Counted from where it was seen: a place at the border or behind another object is a reason.
             order = range(end - 1, -1, -1) if start == 0 else range(start, end)
-            missed = list(takewhile(partial(_should_be_seen, explanation, i), (f for f in order if processed[f])))
+            missed = list(takewhile(partial(_should_be_seen, motion, i), (f for f in order if processed[f])))
             nats = len(missed) * MISSED_NATS * states.spacing_frames
             if nats > MIN_EVIDENCE:
                 first, last = (end, end) if start == 0 else (missed[0], missed[-1] + 1)
                 yield Evidence("permanence", (i,), first, last, abs(missed[-1] - missed[0]) + 1, "frames", nats)
 
 
-def _should_be_seen(explanation: Explanation, i: int, frame: int) -> bool:
+def _should_be_seen(motion: PiecewiseMotion, i: int, frame: int) -> bool:
     """Whether an object would be seen in a frame, if it went on as before."""
-    states = explanation.states
-    near = min(explanation.stretches[i], key=lambda s: max(s.start - frame, frame - s.last))
+    states = motion.states
+    near = min(motion.stretches[i], key=lambda s: max(s.start - frame, frame - s.last))
     at = np.array([frame])
     place = near.place(at)[0]
-    if near.place_variance(at)[0] > MAX_UNKNOWN_WORLD**2:
+    if near.place_variance(at, motion.noise)[0] > MAX_UNKNOWN_WORLD**2:
         return False
     shape = states.objects[i].shape
     if not in_image(shape, on_ground(place[None]), np.zeros(1), states.camera)[0]:
@@ -74,10 +74,10 @@ def _should_be_seen(explanation: Explanation, i: int, frame: int) -> bool:
     if (low < SEEN_MARGIN_PX).any() or (high > np.array([WIDTH_PX, HEIGHT_PX]) - SEEN_MARGIN_PX).any():
         return False
     covered = 0.0
-    for j in range(len(explanation.stretches)):
+    for j in range(len(motion.stretches)):
         if j == i or not states.present[j, frame]:
             continue
-        if _takes_place(explanation, i, j) or _takes_place(explanation, j, i):
+        if _takes_place(motion, i, j) or _takes_place(motion, j, i):
             continue
         x0, y0, x1, y1 = states.box_xyxy_px[j, frame]
         if y1 > high[1] - 2:  # nearer
@@ -86,25 +86,25 @@ def _should_be_seen(explanation: Explanation, i: int, frame: int) -> bool:
     return covered < COVERED_SHARE
 
 
-def _takes_place(explanation: Explanation, new: int, old: int) -> bool:
+def _takes_place(motion: PiecewiseMotion, new: int, old: int) -> bool:
     """Whether an object turns up where another one disappears."""
-    first = explanation.stretches[new][0]
-    near = explanation.at(old, first.start)
+    first = motion.stretches[new][0]
+    near = motion.at(old, first.start)
     shown = slice(first.start, first.start + SAME_FRAMES)
-    if first.start == 0 or near is None or explanation.states.detected[old, shown].any():
+    if first.start == 0 or near is None or motion.states.detected[old, shown].any():
         return False
     at = np.array([first.start])
     return bool(np.hypot(*(near.place(at) - first.place(at))[0]) < PLACE_WORLD)
 
 
-def _replaced(explanation: Explanation, found: list[Evidence]) -> list[Evidence]:
+def _replaced(motion: PiecewiseMotion, found: list[Evidence]) -> list[Evidence]:
     """Evidence against permanence; where one object takes another one's place, against identity."""
-    objects = explanation.states.objects
+    objects = motion.states.objects
     result, used = [], set()
-    for new, one in enumerate(explanation.stretches):
+    for new, one in enumerate(motion.stretches):
         start = one[0].start
         for old in range(len(objects)):
-            if old != new and _takes_place(explanation, new, old):
+            if old != new and _takes_place(motion, new, old):
                 both = [e for e in found if e.objects in ((old,), (new,)) and e.frame - SAME_FRAMES <= start <= e.end]
                 if both:
                     words = differing_words(objects[old].name.split(), objects[new].name.split())
@@ -145,7 +145,7 @@ def _renamed(e: Evidence, tracks: VideoTracks, proposals: VideoProposals, proces
     return e._replace(law="identity", amount=n, unit="words", looks=looks) if n else e
 
 
-def other_words(explanation: Explanation, tracks: VideoTracks, proposals: VideoProposals) -> Iterator[Evidence]:
+def other_words(motion: PiecewiseMotion, tracks: VideoTracks, proposals: VideoProposals) -> Iterator[Evidence]:
     """Against identity: reliable frames in a row in which an object has another word than in most.
 
     It changes in the first of these frames, or after the last one where it looks like that from its first frame on.
@@ -153,7 +153,7 @@ def other_words(explanation: Explanation, tracks: VideoTracks, proposals: VideoP
     for t in tracks.tracks:
         own, found = t.object.name, detected_attributes(t, proposals)
         differing = np.array([differing_words(own.split(), attributes_of(a)) if a >= 0 else 0 for a in found.tolist()])
-        reliable = explanation.states.reliable[t.object.id, t.frame_index]
+        reliable = motion.states.reliable[t.object.id, t.frame_index]
         best: list[int] = []
         seen_before = had_own = False
         run: list[int] = []
@@ -164,7 +164,7 @@ def other_words(explanation: Explanation, tracks: VideoTracks, proposals: VideoP
             run = [*run, k]
             if len(run) > len(best):
                 best, seen_before = run, had_own
-        nats = len(best) * MISSED_NATS * explanation.states.spacing_frames
+        nats = len(best) * MISSED_NATS * motion.states.spacing_frames
         if nats > MIN_EVIDENCE:
             values, counts = np.unique(found[best], return_counts=True)
             looks, last = (own, " ".join(attributes_of(int(values[counts.argmax()])))), int(t.frame_index[best[-1]]) + 1

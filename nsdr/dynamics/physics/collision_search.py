@@ -21,8 +21,8 @@ EventSet = frozenset[Event]
 TRIED_FROM = 0.01
 """Candidates with a probability between this and 1 minus this are tried both ways; the others are taken as they are."""
 BIAS, NETWORK_WEIGHT, GAP_WEIGHT = 0.623, 0.636, -42.6
-"""Weights of a logistic regression on `Evidence`, fitted on held-out scenes of `train`: `python benchmarks/collisions.py
---proposals FILE.npz --truth FILE.json.gz --every 5 --weights` prints them."""
+"""Weights of a logistic regression on `CollisionEvidence`, fitted on held-out scenes of `train`: `python
+benchmarks/collisions.py --proposals FILE.npz --truth FILE.json.gz --every 5 --weights` prints them."""
 MAX_LOG_ODDS = 12.0
 """The network's log-odds are clamped to this: beyond, a probability of 0 or 1 says no more."""
 MAX_GAP_WORLD = 0.3
@@ -32,7 +32,7 @@ NEAREST_FRAMES = 3
 
 
 @dataclass(frozen=True)
-class Evidence:
+class CollisionEvidence:
     """What speaks for a collision, given the other collisions of its video.
 
     Attributes:
@@ -46,7 +46,7 @@ class Evidence:
     gap: float
 
     @classmethod
-    def of(cls, pair: Pair, probability: float, given: TrajectoryFit) -> "Evidence":
+    def of(cls, pair: Pair, probability: float, given: TrajectoryFit) -> "CollisionEvidence":
         """Of a pair's collision with a probability by the detector, and the fit with it."""
         return cls(log_odds(probability), closest_gap(given, pair) / (1 + (given.cost / GOOD_COST) ** 2))
 
@@ -123,7 +123,7 @@ class CollisionSearch:
         """The collisions in order of time, those of one frame in the order of the candidates."""
         return sorted((event for event in self.probability if event in collisions), key=lambda e: e.frame)
 
-    def evidence(self, event: Event, chosen: EventSet) -> Evidence:
+    def evidence(self, event: Event, chosen: EventSet) -> CollisionEvidence:
         """For a collision, given the others among the chosen ones."""
         given, without, pair = chosen | {event}, chosen - {event}, event.objects
         first = self.fitted(chosen)
@@ -136,7 +136,7 @@ class CollisionSearch:
             again = self._fit(given, self.fitted(without))
             if again.cost < self.fitted(given).cost:
                 self._fits[given] = again
-        return Evidence.of(pair, self.probability[event], self.fitted(given))
+        return CollisionEvidence.of(pair, self.probability[event], self.fitted(given))
 
 
 class FoundCollisions(NamedTuple):

@@ -97,14 +97,18 @@ class FittedScene(Explanation):
         Those of a line fitted to a stretch's detections by least squares: its place in their middle and its velocity. Where
         nothing fits, both have the largest errors.
         """
-        smoothed, noise = self.smoothed, self.config.position_noise_world
-        velocity_error = noise / (FRAME_SECONDS * np.sqrt(smoothed.spread_frames2))
-        place_error = noise / np.sqrt(smoothed.weight)
-        # NaN becomes the largest, too.
-        place_error = np.fmin(place_error, MAX_POSITION_ERROR_WORLD)
-        velocity_error = np.fmin(velocity_error, MAX_VELOCITY_ERROR_WORLD_PER_S)
-        since_middle = FRAME_SECONDS * np.nan_to_num(np.arange(self.n_frames) - smoothed.middle_frame)
-        errors = np.zeros((len(yaw), *since_middle.shape, 6))
+        noise, shape = self.config.position_noise_world, (len(self.objects), self.n_frames)
+        place_error, velocity_error = (
+            np.full(shape, MAX_POSITION_ERROR_WORLD),
+            np.full(shape, MAX_VELOCITY_ERROR_WORLD_PER_S),
+        )
+        since_middle = np.zeros(shape)
+        for i, stretches in enumerate(self.smoothed.stretches):
+            for start, end, s in stretches:
+                place_error[i, start:end] = min(s.middle_variance(noise) ** 0.5, MAX_POSITION_ERROR_WORLD)
+                velocity_error[i, start:end] = min(s.velocity_variance(noise) ** 0.5, MAX_VELOCITY_ERROR_WORLD_PER_S)
+                since_middle[i, start:end] = FRAME_SECONDS * (np.arange(start, end) - s.middle_frame)
+        errors = np.zeros((len(yaw), *shape, 6))
         errors[..., VELOCITY] = velocity_error[..., None] * velocity
         errors[..., POSITION] = place_error[..., None] * place + since_middle[..., None] * errors[..., VELOCITY]
         errors[..., YAW] = self.config.yaw_noise * yaw

@@ -25,7 +25,8 @@ from nsdr.dynamics.physics.fit_objective import (
 from nsdr.dynamics.physics.forces import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.simulator import BodyStates
 from nsdr.dynamics.physics.solver import log_mass_covariance, minimise
-from nsdr.dynamics.sliding import fit_sliding, slide
+from nsdr.dynamics.sliding import slide
+from nsdr.dynamics.stretch import fit_stretch
 from nsdr.types import Event
 from nsdr.validation import FloatArray, IntArray
 from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD
@@ -141,11 +142,6 @@ class _Problem:
             rows_of(states.camera),
         )
 
-    def _fit_sliding(self, i: int, frames: IntArray, reference: float) -> tuple[FloatArray, FloatArray]:
-        """Position and velocity of object i at a reference frame, by its detections in some frames."""
-        position, weight = self.states.location_world[i, frames], self.states.weight[i, frames]
-        return fit_sliding(self.states.objects[i].shape, frames, position, weight, reference)[:2]
-
     def _first_stretch(self, i: int) -> bool:
         """Set the reference frame of object i, and its position and velocity there; returns whether it moves."""
         states, weight, seen = self.states, self.states.weight[i], np.flatnonzero(self.states.detected[i])
@@ -155,10 +151,10 @@ class _Problem:
         if len(mine) < 2:
             mine = seen[:least]
         reference = float(np.round(np.average(mine, weights=weight[mine])))
-        position, velocity = self._fit_sliding(i, mine, reference)
-        speed = float(np.hypot(*velocity))
-        begin = slide(states.objects[i].shape, np.array(speed), np.array(-reference * FRAME_SECONDS))[1]
-        fast = float(begin) > REST_SPEED_WORLD_PER_S and speed > MIN_SPEED_WORLD_PER_S
+        stretch = fit_stretch(states.objects[i].shape, mine, states.location_world[i, mine], weight[mine])
+        begin, velocity = stretch.velocity(np.array([0.0, reference]))
+        position, speed = stretch.place(np.array([reference]))[0], np.hypot(*velocity)
+        fast = bool(np.hypot(*begin) > REST_SPEED_WORLD_PER_S and speed > MIN_SPEED_WORLD_PER_S)
         if len(mine) >= least and fast:
             self.reference[i], self.first[i, VELOCITY] = reference, velocity
         else:
