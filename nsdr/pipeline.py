@@ -22,7 +22,7 @@ from nsdr.io.device import resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.notes import Note, distinct, unsaid
 from nsdr.io.registry import checked_result
-from nsdr.laws.judge import judge
+from nsdr.laws.judge import judge_tracks
 from nsdr.pipeline_config import PipelineConfig, pipeline_settings
 from nsdr.question_parser.base import Parser, read_programs
 from nsdr.question_parser.loading import load_parser
@@ -202,34 +202,41 @@ class Pipeline:
             VideoError: nothing is given, the file cannot be read or is not of CLEVRER's scene (see `VideoConfig`), no object
                 was found, or all move too far from frame to frame for the video's frame rate.
         """
-        key, parts = None, (*self._frame_parsing(), self.tracker, self.dynamics, self.camera)
-        if explanation is None and tracks is None and proposals is None:
-            if video is None:
-                raise VideoError("give a video, proposals, tracks or an explanation")
-            check_is_video(Path(video))
-            key = fingerprint(inputs=[*self._files(video), *([] if true_scene is None else [true_scene])])
-            if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
-                self._kept.move_to_end(key)
-                return self._kept[key][1]
-            notes: list[str] = []
-            proposals = self._parsed(self.frames(video, note=notes.append))
-            proposals = replace(proposals, notes=distinct(proposals.notes, notes))
+        if not (proposals is None and tracks is None and explanation is None):
+            return self._perceived(video, proposals, tracks, explanation, true_scene)
+        if video is None:
+            raise VideoError("give a video, proposals, tracks or an explanation")
+        check_is_video(Path(video))
+        parts = (*self._frame_parsing(), self.tracker, self.dynamics, self.camera)
+        key = fingerprint(inputs=[*self._files(video), *([] if true_scene is None else [true_scene])])
+        if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
+            self._kept.move_to_end(key)
+            return self._kept[key][1]
+        notes: list[str] = []
+        parsed = self._parsed(self.frames(video, note=notes.append))
+        parsed = replace(parsed, notes=distinct(parsed.notes, notes))
+        perception = self._perceived(video, parsed, true_scene=true_scene)
+        self._kept[key] = (parts, perception)
+        while len(self._kept) > KEPT_VIDEOS:
+            self._kept.popitem(last=False)
+        return perception
+
+    def _perceived(
+        self,
+        video: str | Path | None,
+        proposals: VideoProposals | None,
+        tracks: VideoTracks | None = None,
+        explanation: Explanation | None = None,
+        true_scene: Scene | None = None,
+    ) -> Perception:
+        """The stages after the frame parser, as far as their results are not given."""
         probable = None
         if explanation is None:
             if tracks is None:
                 assert proposals is not None
                 tracks = track(proposals, self.tracker, self.camera)
                 probable = existence(tracks)
-            if not tracks.tracks:
-                what, least = video or "the proposals", self.tracker.min_frames
-                fewer = max(tracks.n_frames - 1, 0)
-                short = (
-                    f"there are only {tracks.n_frames}; --set tracker.min_frames={fewer} takes what is in all of them"
-                )
-                hint = short if tracks.n_frames <= least else "is it a CLEVRER clip?"
-                raise VideoError(f"{what}: no objects found in more than {least} frames; {hint}")
-            if video is not None and self.video.check == "refuse" and fastest_start(tracks) > UNFIT_SPEED:
-                raise VideoError(f"{video}: {speed_notes(tracks)[0]}. --force goes on all the same")
+            self._check_tracks(tracks, video)
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
             pixels = None
             if video is not None and proposals is not None:
@@ -240,16 +247,24 @@ class Pipeline:
         if tracks is not None:
             unfit = (*speed_notes(tracks), *size_notes(tracks)) if self.video.check != "off" else ()
             scene = replace(scene, notes=distinct(tracks.notes, unfit))
-        perception = Perception(proposals, tracks, explanation, scene)
-        if key is not None:
-            self._kept[key] = (parts, perception)
-            while len(self._kept) > KEPT_VIDEOS:
-                self._kept.popitem(last=False)
-        return perception
+        return Perception(proposals, tracks, explanation, scene)
+
+    def _check_tracks(self, tracks: VideoTracks, video: str | Path | None) -> None:
+        """Refuse tracks without objects, and those of a video whose objects all move too far from frame to frame."""
+        if not tracks.tracks:
+            least, hint = self.tracker.min_frames, "is it a CLEVRER clip?"
+            if tracks.n_frames <= least:
+                fewer = max(tracks.n_frames - 1, 0)
+                hint = (
+                    f"there are only {tracks.n_frames}; --set tracker.min_frames={fewer} takes what is in all of them"
+                )
+            raise VideoError(f"{video or 'the proposals'}: no objects found in more than {least} frames; {hint}")
+        if video is not None and self.video.check == "refuse" and fastest_start(tracks) > UNFIT_SPEED:
+            raise VideoError(f"{video}: {speed_notes(tracks)[0]}. --force goes on all the same")
 
     def simulate(
         self,
-        video: str | Path | VideoProposals | VideoTracks,
+        video: str | Path | VideoProposals | VideoTracks | Perception,
         interventions: Sequence[Intervention],
         from_frame: int = 0,
     ) -> Simulation:
@@ -259,7 +274,7 @@ class Pipeline:
             >>> pipeline.answer(simulation.scene, "How many collisions happen?")
 
         Args:
-            video: a video file, or the result of the frame parser or the tracker.
+            video: a video file, a perception of it, or the result of the frame parser or the tracker.
             interventions: instances of `Remove`, `SetMass`, `SetVelocity`, `Move`, `Freeze` and `Add`, all at `from_frame`.
             from_frame: a frame of the video.
 
@@ -268,9 +283,12 @@ class Pipeline:
             DataError: no or several objects fit the words, an intervention is impossible (says why with the numbers), or the
                 backend does not simulate: networks only remove one object from frame 0.
         """
-        stage = {VideoProposals: "proposals", VideoTracks: "tracks"}.get(type(video), "video")
-        given: dict[str, Any] = {stage: video}
-        seen = self.perceive(**given)
+        if isinstance(video, Perception):
+            seen = video
+        else:
+            stage = {VideoProposals: "proposals", VideoTracks: "tracks"}.get(type(video), "video")
+            given: dict[str, Any] = {stage: video}
+            seen = self.perceive(**given)
         assert seen.explanation is not None
         found = simulate(seen.explanation, interventions, from_frame)
         return replace(found, scene=replace(found.scene, notes=distinct(seen.scene.notes, found.notes)))
@@ -289,7 +307,7 @@ class Pipeline:
         if wrong and self.video.check == "refuse":
             raise VideoError(f"{video}: cannot be judged: {'; '.join(wrong)}. --force judges it all the same")
         try:
-            found = judge(proposals, self.tracker, self.camera, late)
+            found = judge_tracks(tracks, proposals, late)
         except VideoError as e:
             raise VideoError(f"{video}: {e}") from e
         if not found.objects:

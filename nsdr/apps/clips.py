@@ -115,9 +115,8 @@ class Clips:
 
     def simulate(self, clip: Clip, interventions: Sequence[Intervention], from_frame: int) -> Simulation:
         """`Pipeline.simulate` of a clip, with its errors."""
-        assert clip.perception.tracks is not None
         with self._working:
-            return self.pipeline.simulate(clip.perception.tracks, interventions, from_frame)
+            return self.pipeline.simulate(clip.perception, interventions, from_frame)
 
     def judge(self, path: str | Path) -> tuple[Judgement, VideoTracks, NDArray[np.uint8]]:
         """Which laws a video breaks, with the tracks and the frames (T, 320, 480, 3) uint8 RGB in which they are shown.

@@ -68,8 +68,12 @@ def judge(
     Raises:
         VideoError: too few frames were processed, or they lie too far apart.
     """
+    return judge_tracks(track(proposals, tracker, camera), proposals, late)
+
+
+def judge_tracks(tracks: VideoTracks, proposals: VideoProposals, late: FloatArray | None = None) -> Judgement:
+    """Judge a video as `judge` does, by its tracks and the proposals that these were made from."""
     processed = _checked_frames(proposals)
-    tracks = track(proposals, tracker, camera)
     timing = timing_of(tracks, processed, np.zeros(proposals.n_frames) if late is None else late)
     spacing = float(np.median(np.diff(_checked_frames(timing.proposals(proposals)))))
     found = judgement_of(tracks, evidence_in_time(tracks, timing, proposals))
