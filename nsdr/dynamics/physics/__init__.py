@@ -1,4 +1,4 @@
 """The physics backend: a planar simulator, its fit to tracks, and the search for the collisions that explain them."""
 
-VERSION = 5
+VERSION = 6
 """Of this backend's predictions: raised when they change."""
