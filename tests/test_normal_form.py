@@ -1,10 +1,12 @@
 """Normal forms: one spelling, one word for each meaning, noun phrases, the question before its clauses."""
 
+import doctest
 import random
 
 import pytest
 
-from nsdr.language.normal import OTHER_WORDS, corrected, normal_form
+from nsdr.language import normal
+from nsdr.language.normal import OTHER_WORDS, POSTMODIFIERS, corrected, normal_form
 from nsdr.language.slots import Slot
 from nsdr.language.texts import TEXT_KINDS, draw_wording, vocabulary
 from nsdr.language.words import rewritten_words
@@ -56,6 +58,12 @@ def test_words_with_another_meaning_and_unclear_ones_are_not_corrected(word: str
     assert corrected(word) == ""
     assert normal_form(f"How many {word} cubes enter?").left_out == (word,)
     assert word in normal_form(f"How many {word} cubes enter?", keep_unknown=True).words
+
+
+def test_each_rewriting_does_what_its_example_says() -> None:
+    assert doctest.testmod(normal) == (0, 14)
+    examples = dict(POSTMODIFIERS.values())
+    assert {text: normal_form(text).text for text in examples} == examples
 
 
 def test_other_words_are_not_known() -> None:

@@ -14,7 +14,7 @@ from functools import lru_cache
 from nsdr.language.slots import CATEGORY, Slot, in_order
 from nsdr.language.texts import english
 from nsdr.language.words import replacements, rewritten, rewritten_words, word_lists
-from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, NOUNS
+from nsdr.world.vocabulary import ADJECTIVES, NOUNS
 
 MIN_CORRECTED_LETTERS = 4
 """Shorter words are not corrected, and only to words that are longer or among the lexicon's SHORT ones."""
@@ -126,7 +126,13 @@ def _meaning(word: str) -> object:
 
 
 def _with_noun_phrases(words: Sequence[str]) -> list[str | Slot]:
-    """Words with noun phrases and attribute words joined; "that be red" and "made of metal" join their noun phrase."""
+    """Words, in which noun phrases and attribute words are joined.
+
+    >>> normal_form("How many cubes made of metal enter?").text
+    'how many metal cubes enter'
+    >>> normal_form("Does the grey ball exit after the metal one?").text  # "one" has the shape of the noun before it
+    'do the gray sphere exit after the metal sphere'
+    """
     parts: list[str | Slot] = []
     attributes: list[str] = []
     last_shape = ""
@@ -153,7 +159,13 @@ def _with_noun_phrases(words: Sequence[str]) -> list[str | Slot]:
 
 
 def _with_pairs(parts: list[str | Slot]) -> list[str | Slot]:
-    """Two objects under one noun as two: "the red and the blue cube(s)" is "the red cube and the blue cube"."""
+    """Words, in which two objects that share a noun have one each.
+
+    >>> normal_form("Do the red and the blue cube collide?").text
+    'do the red cube and the blue cube collide'
+    >>> normal_form("Do the red and blue cubes collide?").text
+    'do the red cube and the blue cube collide'
+    """
     for i in range(1, len(parts) - 2):
         end = i + 3 if parts[i + 2] == "the" else i + 2
         first, second = parts[i], parts[end] if end < len(parts) else ""
@@ -175,23 +187,25 @@ def _append_slot(parts: list[str | Slot], form: str, words: Sequence[str]) -> No
     parts.append(Slot(form if words else {"N": "O", "NS": "OS"}[form], in_order(words)))
 
 
-_POSTMODIFIERS = (
-    ("that", "be", "made", "of"),
-    ("which", "be", "made", "of"),
-    ("made", "of"),
-    ("made", "out", "of"),
-    ("made", "from"),
-    ("that", "be"),
-    ("which", "be"),
-    (),
-)
+POSTMODIFIERS = {
+    ("that", "be", "made", "of"): ("the cube that is made of metal", "the metal cube"),
+    ("which", "be", "made", "of"): ("the cube which is made of metal", "the metal cube"),
+    ("made", "of"): ("the cube made of metal", "the metal cube"),
+    ("made", "out", "of"): ("the cube made out of metal", "the metal cube"),
+    ("made", "from"): ("the cube made from metal", "the metal cube"),
+    ("that", "be"): ("the cube that is red", "the red cube"),
+    ("which", "be"): ("the cube which is red", "the red cube"),
+    (): ("is anything red moving", "be any red object moving"),
+}
+"""Words between a noun and an attribute that belongs to it, each with a text that has them and its normal form."""
 
 
 def _with_postmodifiers(parts: list[str | Slot]) -> list[str | Slot]:
+    """Words, in which attributes behind a noun (`POSTMODIFIERS`) have joined it."""
     i = 0
     while i < len(parts):
         noun = parts[i]
-        for words in _POSTMODIFIERS:
+        for words in POSTMODIFIERS:
             end = i + 1 + len(words)
             attribute = parts[end] if end < len(parts) else ""
             if not words and (i == 0 or parts[i - 1] not in ("any", "no")):  # "anything red"
@@ -216,51 +230,60 @@ def _in_order(parts: list[str | Slot]) -> list[str | Slot]:
 
 
 def _without_front(parts: list[str | Slot]) -> list[str | Slot]:
-    """A text with what stands before its first break in the place of "it", "its", "then" or "that", if that refers to it.
+    """A text with what stands before its first break in the place of "it", "its" or "then", or as a condition.
 
-    "The cube: what is its color?" becomes "what is the cube's color", "The cube enters; what moves then?" "what moves when
-    the cube enters".
+    >>> normal_form("The cube: what is its color?").text
+    "what be the cube 's color"
+    >>> normal_form("First thing that hits the cube: what is it made of?").text
+    'what be the first object that hit the cube made of'
+    >>> normal_form("A sphere is moving. Which color is it?").text
+    'what color be the sphere that be moving'
+    >>> normal_form("There's a cube that isn't moving; what color is it?").text
+    'what color be the cube that be not moving'
+    >>> normal_form("The cube enters. How many balls are moving then?").text
+    'how many spheres be moving when the cube enter'
+    >>> normal_form("The cube enters: how many balls are moving at that moment?").text
+    'how many spheres be moving when the cube enter'
+    >>> normal_form("We've removed the red cube: what happens?").text
+    'what happen if we have removed the red cube'
     """
     end = next((i for i, part in enumerate(parts) if part in _BREAKS), 0)
     front, rest = parts[:end], [part for part in parts[end:] if part not in _BREAKS]
-    while front and front[0] in ("regarding", "about", "concerning", "consider", "there", "be", "for"):
-        front = front[1:]
-    if front[1:2] == ["to"] and front[0] in _ORDERS:
-        front = [front[0], Slot("O", ()), *front[1:]]
+    if front[:2] == ["there", "be"]:
+        front = front[2:]
     if not any(isinstance(part, Slot) for part in front) or set(front) & (
         QUESTION_STARTS - {"be", "do", "have", "when"}
     ):
         return parts
     if front[0] in ("we", "you", "i"):
         return [*rest, "if", *front] if {"what", "which"}.intersection(rest) else parts
-    if front[0] in ("a", "one", "any", *_ORDERS) or isinstance(front[0], Slot):
-        front = ["the", *front[front[0] in ("a", "one", "any") :]]
+    if front[0] in ("a", "one", *_ORDERS) or isinstance(front[0], Slot):
+        front = ["the", *front[front[0] in ("a", "one") :]]
     if front[0] != "the":
         return parts
     if {"it", "its"}.intersection(rest):
-        if front[2:3] == ["be"] and isinstance(front[1], Slot):  # "an object is moving: what is its color"
+        if front[2:3] == ["be"] and isinstance(front[1], Slot):  # "a sphere is moving"
             front = [*front[:2], "that", *front[2:]]
         forms = {"it": front, "its": [*front, "'s"]}
         return [found for part in rest for found in (forms.get(part, [part]) if isinstance(part, str) else [part])]
-    if len(rest) == 1 and rest[0] in ATTRIBUTES:
-        return ["the", *rest, "of", *front]
-    if rest[-1:] == ["responsible"]:
-        return [*rest, "for", *front]
-    if rest[-2:] == ["for", "that"]:
-        return [*rest[:-1], *front]
-    for words in (["then"], *(["at", that, time] for that in ("that", "the") for time in ("time", "point", "moment"))):
+    for words in (["then"], *(["at", "that", time] for time in ("time", "point", "moment"))):
         if rest[-len(words) :] == words:
             return [*rest[: -len(words)], "when", *front]
     return parts
 
 
 def _question_start(parts: Sequence[str | Slot]) -> int:
+    """Where the question starts in a text that begins with a clause; 0 if nothing tells.
+
+    >>> normal_form("Had the cube not been there, what would happen?").text
+    'what will happen without the cube'
+    >>> normal_form("When the video ends how many cubes are moving?").text
+    'how many cubes be moving when video end'
+    >>> normal_form("When the video ends is any cube moving?").text
+    'be any cube moving when video end'
+    """
     for i in range(2, len(parts)):
         if parts[i - 1] in _BREAKS and parts[i] in QUESTION_STARTS:
-            return i
-    for i in range(2, len(parts)):
-        is_subject = parts[i] == "the" or isinstance(parts[i], Slot)
-        if parts[i - 1] in _BREAKS and is_subject and {"what", "which"}.intersection(parts[i:]):
             return i
     for i in range(2, len(parts)):
         if parts[i] in ("how", "what", "which", "why"):
