@@ -36,7 +36,7 @@ def main() -> None:
             count = counts.setdefault(q.subtype or q.type, Counter())
             try:
                 answer = (
-                    executor.judge(q.program, [(c.text, c.program) for c in q.choices])
+                    executor.answer_choices(q.program, [(c.text, c.program) for c in q.choices])
                     if q.choices
                     else executor.answer(q.program)
                 )

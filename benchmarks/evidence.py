@@ -70,7 +70,7 @@ def told(scene: Scene, question: Question, length: str) -> list[str]:
     executor = Executor(scene)
     choices = [(c.text, c.program or ()) for c in question.choices]
     program = question.program or ()
-    answer = executor.judge(program, choices) if choices else executor.answer(program)
+    answer = executor.answer_choices(program, choices) if choices else executor.answer(program)
     return narrate(answer, scene, length).splitlines()[:-1]  # type: ignore[arg-type]
 
 

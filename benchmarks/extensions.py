@@ -69,7 +69,7 @@ def judged(question: Question, executor: Executor, parser: GrammarParser) -> Ite
     change = next(t for t in question.program or () if "_as_" in t or t == "standing_still")
     try:
         program = parser.parse(question.text, "multiple_choice")
-        answer = executor.judge(program, [(c.text, parser.parse(c.text, "choice")) for c in question.choices])
+        answer = executor.answer_choices(program, [(c.text, parser.parse(c.text, "choice")) for c in question.choices])
     except ExecutionError:
         outcomes = ["refused"] * len(question.choices)
     else:

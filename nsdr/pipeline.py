@@ -377,4 +377,4 @@ class Pipeline:
         if parsed_choices is None:
             return executor.answer(parsed, question, choices or ())
         texts = choices or [str(p) for p in parsed_choices]
-        return executor.judge(parsed, list(zip(texts, parsed_choices, strict=True)), question)
+        return executor.answer_choices(parsed, list(zip(texts, parsed_choices, strict=True)), question)

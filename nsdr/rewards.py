@@ -180,7 +180,7 @@ def _needed(
     """The facts that the right answer rests on; none without one of the video, or where the scene gives another answer."""
     executor = Executor(scene)
     try:
-        answer = executor.judge(program, choices) if choices else executor.answer(program)
+        answer = executor.answer_choices(program, choices) if choices else executor.answer(program)
     except ExecutionError:
         return []
     text = narrate(answer, scene)

@@ -59,7 +59,7 @@ def answers(scene: Scene, seed: int, n: int) -> list[Answer]:
     found = [executor.answer(d.program, d.text) for d in rng.sample(open_ones, min(n, len(open_ones)))]
     multiple = list(multiple_choice_questions(scene, rng))
     for m in rng.sample(multiple, min(n, len(multiple))):
-        found.append(executor.judge(m.program, [(o.text, o.program) for o in m.choices], m.text))
+        found.append(executor.answer_choices(m.program, [(o.text, o.program) for o in m.choices], m.text))
     return found
 
 
@@ -79,7 +79,9 @@ def test_every_narrated_sentence_is_read_back_and_holds(scene: Scene, seed: int,
 def told(executor: Executor, program: str, choice: str = "", length: str = "short") -> list[str]:
     if not choice:
         return narrate(executor.answer(program.split()), executor.scene, length).splitlines()
-    return narrate(executor.judge(program.split(), [("", choice.split())]), executor.scene, length).splitlines()
+    return narrate(
+        executor.answer_choices(program.split(), [("", choice.split())]), executor.scene, length
+    ).splitlines()
 
 
 PAIR = "all_events objects {} unique filter_collision objects {} unique filter_collision unique"

@@ -78,7 +78,7 @@ def test_descriptive(executor: Executor, question: str, program: str, answer: st
 
 
 def judged(executor: Executor, question: str, choice: str) -> str:
-    return executor.judge(question, [("", choice)]).choices[0].answer
+    return executor.answer_choices(question, [("", choice)]).choices[0].answer
 
 
 COLLISION_WITH_GREEN = f"events {BLUE} filter_collision {GREEN} filter_collision unique"
@@ -136,7 +136,7 @@ def test_the_questions_of_the_example_are_answered_correctly(example_scene: Scen
             assert executor.answer(question.program).answer == question.answer, question.text
             continue
         choices = [(c.text, c.program or ()) for c in question.choices]
-        judgements = [c.answer for c in executor.judge(question.program, choices).choices]
+        judgements = [c.answer for c in executor.answer_choices(question.program, choices).choices]
         assert judgements == [c.answer for c in question.choices], question.text
     assert len(types) == 4
 
@@ -196,10 +196,10 @@ def test_motion_after_the_video_is_an_error(executor: Executor) -> None:
 
 
 def test_programs_of_other_sorts_are_rejected(executor: Executor) -> None:
-    with pytest.raises(ProgramError, match="judges a choice; pass it to `judge`"):
+    with pytest.raises(ProgramError, match="judges a choice; pass it to `answer_choices`"):
         executor.answer("unseen_events belong_to")
     with pytest.raises(ProgramError, match="takes no choice"):
-        executor.judge("objects count", [("", RED_CUBE)])
+        executor.answer_choices("objects count", [("", RED_CUBE)])
     with pytest.raises(ProgramError, match="gives objects"):
         executor.answer("objects")
 
@@ -322,24 +322,24 @@ def test_the_likelier_of_two_predictions_is_correct(small_scene: Scene) -> None:
     red_sphere = "objects red filter_color sphere filter_shape unique"
     choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, red_sphere))]
     question = "unseen_events belong_to"
-    assert [c.answer for c in Executor(small_scene).judge(question, choices).choices] == ["wrong", "wrong"]
+    assert [c.answer for c in Executor(small_scene).answer_choices(question, choices).choices] == ["wrong", "wrong"]
     scores = np.zeros((4, 4))
     scores[0, 3] = scores[3, 0] = 0.3
     scored = Executor(replace(small_scene, unseen_scores=scores), data_set_rules=True)
-    assert [c.answer for c in scored.judge(question, choices).choices] == ["wrong", "correct"]
+    assert [c.answer for c in scored.answer_choices(question, choices).choices] == ["wrong", "correct"]
     # Scores do not matter where the choices are judged differently, and for other questions.
     happens = [("c", possible(GREEN, red_sphere)), ("b", possible(RED_CUBE, red_sphere))]
-    assert [c.answer for c in scored.judge(question, happens).choices] == ["correct", "wrong"]
-    assert [c.answer for c in scored.judge(question + " negate", choices).choices] == ["correct", "correct"]
+    assert [c.answer for c in scored.answer_choices(question, happens).choices] == ["correct", "wrong"]
+    assert [c.answer for c in scored.answer_choices(question + " negate", choices).choices] == ["correct", "correct"]
 
 
 def test_the_rule_of_the_data_set_holds_only_where_it_is_asked_for(small_scene: Scene) -> None:
     red_sphere = "objects red filter_color sphere filter_shape unique"
     choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, red_sphere))]
     scene = replace(small_scene, unseen_scores=np.full((4, 4), 0.3), uncertain=())
-    judged = Executor(scene).judge("unseen_events belong_to", choices).choices
+    judged = Executor(scene).answer_choices("unseen_events belong_to", choices).choices
     assert [(c.answer, c.probability) for c in judged] == [("wrong", SIMULATED_DOUBT), ("wrong", SIMULATED_DOUBT)]
-    ruled = Executor(scene, data_set_rules=True).judge("unseen_events belong_to", choices).choices
+    ruled = Executor(scene, data_set_rules=True).answer_choices("unseen_events belong_to", choices).choices
     assert [c.answer for c in ruled] == ["correct", "wrong"]
 
 
@@ -358,7 +358,7 @@ def test_entrances_and_exits_after_the_video_or_without_an_object_are_refused(sm
             ("it exits", exits),
             ("they collide", possible(GREEN, "objects red filter_color sphere filter_shape unique")),
         ]
-        exiting, colliding = Executor(scene).judge(question, choices).choices
+        exiting, colliding = Executor(scene).answer_choices(question, choices).choices
         assert exiting.answer is None
         assert "exits" in exiting.error
         assert "only collisions are" in exiting.error

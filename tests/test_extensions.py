@@ -161,7 +161,9 @@ def test_changed_objects_are_simulated_once_each(known: Scene) -> None:
         return [Event("collision", 30, (1, 2))]
 
     executor = Executor(known, simulate=simulate)
-    answer = executor.judge(TWICE, [("b", COLLIDES), ("a", COLLIDES.replace("green", "red"))][:1], "What if …?")
+    answer = executor.answer_choices(
+        TWICE, [("b", COLLIDES), ("a", COLLIDES.replace("green", "red"))][:1], "What if …?"
+    )
     assert [c.answer for c in answer.choices] == ["correct"]
     assert executor.run(f"{COLLIDES} {TWICE} negate") is False
     assert asked == [(SetMass(1, 2.0), 0)]
@@ -174,7 +176,7 @@ def test_entrances_and_exits_with_a_changed_object_are_not_known(known: Scene) -
     executor = Executor(known, simulate=lambda change, frame: [Event("collision", 30, (1, 2))])
     exits = f"all_events {BLUE} filter_out unique"
     for program in (TWICE, f"{TWICE} negate"):
-        answer = executor.judge(program, [("exits", exits), ("collide", COLLIDES)])
+        answer = executor.answer_choices(program, [("exits", exits), ("collide", COLLIDES)])
         assert [c.answer for c in answer.choices] == [None, "wrong" if "negate" in program else "correct"]
         assert "whether the blue rubber sphere exits is not known" in answer.choices[0].error
     assert executor.run(f"all_events {BLUE} twice_as_heavy get_changed count") == 1
@@ -185,9 +187,9 @@ def test_changes_that_cannot_be_simulated_are_refused(known: Scene) -> None:
         raise DataError("too fast")
 
     with pytest.raises(ExecutionError, match="with the blue rubber sphere 2 times as heavy is not known in this scene"):
-        Executor(known).judge(TWICE, [("", COLLIDES)])
+        Executor(known).answer_choices(TWICE, [("", COLLIDES)])
     with pytest.raises(ExecutionError, match="too fast"):
-        Executor(known, simulate=impossible).judge(TWICE, [("", COLLIDES)])
+        Executor(known, simulate=impossible).answer_choices(TWICE, [("", COLLIDES)])
 
 
 def test_physics_is_saved_and_old_scenes_load(known: Scene, small_scene: Scene, tmp_path) -> None:

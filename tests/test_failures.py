@@ -73,20 +73,22 @@ def test_errors_name_the_step(executor: Executor) -> None:
 def test_one_bad_choice_does_not_lose_the_others(executor: Executor, small_scene: Scene) -> None:
     question = f"events events {BLUE} filter_collision last filter_order filter_ancestor belong_to"
     choices = [("the blue object", BLUE), ("the red one", RED), ("zebra", QuestionError("unknown word 'zebra'"))]
-    first, second, third = executor.judge(question, choices).choices
+    first, second, third = executor.answer_choices(question, choices).choices
     assert (first.answer, first.error) == ("correct", "")
     assert (second.answer, second.trace) == (None, ())
     assert second.error == f"'the red object' in choice B fits two objects: {TWO_REDS}"
     assert (third.answer, third.program, third.error) == (None, (), "unknown word 'zebra'")
     assert narrate(second, small_scene) == "<answer>none</answer>"
-    alone = executor.judge(question, choices[1:2]).choices[0]
+    alone = executor.answer_choices(question, choices[1:2]).choices[0]
     assert alone.error.startswith("'the red object' in the choice fits two")
 
 
 def test_an_error_of_the_question_is_not_blamed_on_its_choices(executor: Executor) -> None:
     question = f"all_events {RED} get_counterfact belong_to"
     with pytest.raises(ExecutionError, match=r"^'the red object' fits two objects"):
-        executor.judge(question, [("the blue object", BLUE), ("the red one", RED)], "Without the red object, what …?")
+        executor.answer_choices(
+            question, [("the blue object", BLUE), ("the red one", RED)], "Without the red object, what …?"
+        )
 
 
 def test_events_and_frames_are_answers(executor: Executor) -> None:

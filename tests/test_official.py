@@ -150,10 +150,10 @@ def test_failures_are_the_answer_error(document: dict[str, Any]) -> None:
     assert executor.answer("count").answer == "error"
     question = "<START> unseen_events belong_to <END>"
     choices = [("text", choice) for choice in ("count", "", "objects boggle", f"<START> {GREEN} <NULL>", RED)]
-    judged = executor.judge(question, choices)
+    judged = executor.answer_choices(question, choices)
     assert [c.answer for c in judged.choices] == ["error", "error", "error", "correct", "correct"]
     assert judged.choices[3].program == ("objects", "green", "filter_color", "unique", "unseen_events", "belong_to")
-    assert [c.answer for c in executor.judge("belong_to count", choices).choices] == ["error"] * 5
+    assert [c.answer for c in executor.answer_choices("belong_to count", choices).choices] == ["error"] * 5
 
 
 def test_objects_that_enter_at_one_sample_keep_the_order_of_the_file() -> None:
@@ -183,10 +183,10 @@ def test_the_trace_of_an_answer(document: dict[str, Any]) -> None:
 
 def test_taking_part_is_not_being_responsible(document: dict[str, Any]) -> None:
     question = f"events events {RED} filter_collision first filter_order filter_ancestor belong_to"
-    judge = executor_of(document).judge(question, [("blue", BLUE), ("red", RED), ("green", GREEN)])
+    judge = executor_of(document).answer_choices(question, [("blue", BLUE), ("red", RED), ("green", GREEN)])
     # Blue entered before: that is an ancestor. Red has no earlier event.
     assert [c.answer for c in judge.choices] == ["correct", "wrong", "wrong"]
-    failed = executor_of(document).judge(question, [("yellow", "objects yellow filter_color unique")])
+    failed = executor_of(document).answer_choices(question, [("yellow", "objects yellow filter_color unique")])
     assert failed.choices[0].answer == "error"
 
 

@@ -136,7 +136,7 @@ def test_what_a_question_supposes_is_taken_to_have_happened(small_scene: Scene) 
     likely = Executor(replace(small_scene, uncertain=(UncertainCollision(MAYBE, 0.3),)))
     answer = likely.answer(partner)
     assert (answer.answer, answer.probability) == ("red", 1.0)
-    judged = likely.judge(why, choices)
+    judged = likely.answer_choices(why, choices)
     assert [c.answer for c in judged.choices] == ["correct", "correct"]
     assert narrate(judged, likely.scene) == "<answer>A,B</answer>"  # of the scene's events none led to it
     for uncertain in (
@@ -149,7 +149,7 @@ def test_what_a_question_supposes_is_taken_to_have_happened(small_scene: Scene) 
         with pytest.raises(ExecutionError, match="there is no collision"):
             executor.answer(partner)
         with pytest.raises(ExecutionError):
-            executor.judge(why, choices)
+            executor.answer_choices(why, choices)
 
 
 def test_what_a_choice_supposes_is_taken_to_have_happened(small_scene: Scene) -> None:
@@ -162,7 +162,7 @@ def test_what_a_choice_supposes_is_taken_to_have_happened(small_scene: Scene) ->
     before = Event("collision", 10, (0, 3))
 
     def first(*uncertain: UncertainCollision) -> ChoiceAnswer:
-        return Executor(replace(small_scene, uncertain=uncertain)).judge(why, choices).choices[0]
+        return Executor(replace(small_scene, uncertain=uncertain)).answer_choices(why, choices).choices[0]
 
     likely = first(UncertainCollision(before, 0.3))
     assert (likely.answer, likely.error, likely.probability) == ("correct", "", 1.0)
@@ -179,7 +179,9 @@ def test_worlds_are_drawn_once(unsure: Scene, monkeypatch) -> None:
     monkeypatch.setattr("nsdr.symbolic.probabilities.possible_scenes", lambda s: calls.append(s) or real(s))
     executor = Executor(unsure)
     answer = executor.answer(COUNT)
-    judged = executor.judge(WITHOUT_BLUE, [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, RED_SPHERE))])
+    judged = executor.answer_choices(
+        WITHOUT_BLUE, [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, RED_SPHERE))]
+    )
     assert pickle.loads(pickle.dumps(answer)) == answer
     assert (judged.choices[0].probability, executor.answer("objects count").probability) == (1 - SIMULATED_DOUBT, 1.0)
     assert len(calls) == 1
@@ -191,11 +193,13 @@ def test_a_choice_has_the_probability_that_it_is_correct(small_scene: Scene) -> 
         UncertainCollision(Event("collision", 30, (0, 3)), 0.25, 1),
     )
     executor = Executor(replace(small_scene, uncertain=uncertain))
-    single = executor.judge(WITHOUT_BLUE, [("b", possible(RED_CUBE, RED_SPHERE))]).choices
+    single = executor.answer_choices(WITHOUT_BLUE, [("b", possible(RED_CUBE, RED_SPHERE))]).choices
     assert [(c.answer, c.probability) for c in single] == [("wrong", 0.25)]
-    negated = executor.judge(WITHOUT_BLUE + " negate", [("b", possible(RED_CUBE, RED_SPHERE))]).choices
+    negated = executor.answer_choices(WITHOUT_BLUE + " negate", [("b", possible(RED_CUBE, RED_SPHERE))]).choices
     assert [(c.answer, c.probability) for c in negated] == [("correct", 0.75)]
-    failing = executor.judge(WITHOUT_BLUE, [("a", possible(RED_CUBE, GREEN)), ("b", "all_events unique")]).choices
+    failing = executor.answer_choices(
+        WITHOUT_BLUE, [("a", possible(RED_CUBE, GREEN)), ("b", "all_events unique")]
+    ).choices
     assert [(c.answer, c.probability) for c in failing] == [("correct", 0.75), (None, None)]
 
 
@@ -205,17 +209,17 @@ def test_one_of_two_predictions_is_correct(small_scene: Scene) -> None:
     scores[0, 3] = scores[3, 0] = 0.3
     choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, RED_SPHERE))]
     scene = replace(small_scene, unseen_scores=scores, uncertain=())
-    first, second = Executor(scene, data_set_rules=True).judge("unseen_events belong_to", choices).choices
+    first, second = Executor(scene, data_set_rules=True).answer_choices("unseen_events belong_to", choices).choices
     assert (first.answer, second.answer) == ("wrong", "correct")
     assert second.probability == pytest.approx(0.3 * 0.9 / (0.3 * 0.9 + 0.1 * 0.7))
     assert first.probability == pytest.approx(1 - second.probability)
     equal = replace(scene, unseen_scores=np.zeros((4, 4)))
-    nothing = Executor(equal, data_set_rules=True).judge("unseen_events belong_to", choices).choices
+    nothing = Executor(equal, data_set_rules=True).answer_choices("unseen_events belong_to", choices).choices
     assert [c.probability for c in nothing] == [0.5, 0.5]
     one = np.zeros((4, 4))
     one[0, 3] = one[3, 0] = 1.0  # in all runs
     decided = replace(scene, unseen_scores=one)
-    sure = Executor(decided, data_set_rules=True).judge("unseen_events belong_to", choices).choices
+    sure = Executor(decided, data_set_rules=True).answer_choices("unseen_events belong_to", choices).choices
     assert [c.probability for c in sure] == [SIMULATED_DOUBT, 1 - SIMULATED_DOUBT]
 
 

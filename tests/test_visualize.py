@@ -102,7 +102,7 @@ def test_report_has_a_video_objects_events_and_collapsed_numbered_steps(perceive
     question = "events events objects cyan filter_color unique filter_out unique filter_ancestor belong_to"
     answers = [
         executor.answer(program, "When?"),
-        executor.judge(question, spheres, "Which?"),
+        executor.answer_choices(question, spheres, "Which?"),
         executor.answer("unseen_events"),
     ]
     write_report(tmp_path / "report.html", frames, p, answers)

@@ -129,7 +129,7 @@ def test_examples_are_read_and_can_be_answered(small_scene: Scene) -> None:
         program = parser.parse(example.question, "multiple_choice" if example.choices else "descriptive")
         if example.choices:
             choices = [(text, parser.parse(text, "choice").tokens) for text in example.choices]
-            assert {choice.error for choice in executor.judge(program.tokens, choices).choices} == {""}
+            assert {choice.error for choice in executor.answer_choices(program.tokens, choices).choices} == {""}
         else:
             assert executor.answer(program.tokens).answer is not None
     quiet = replace(small_scene, events=(), unseen=(), counterfactual={})

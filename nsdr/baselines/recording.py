@@ -40,7 +40,7 @@ def option_tags(recording: Executor, question: Question) -> list[str | None]:
         raise QuestionError("has no program or no answers, which tags are made of")
     missing = QuestionError("has no program")
     programs = [(c.text, missing if c.program is None else c.program) for c in question.choices]
-    judged = recording.judge(question.program, programs).choices
+    judged = recording.answer_choices(question.program, programs).choices
     return [
         None if found.error else OPTION_TAGS[found.answer != choice.answer]
         for choice, found in zip(question.choices, judged, strict=True)

@@ -95,7 +95,7 @@ def _answer(executor: Executor | OfficialExecutor, question: Question, parse: Pa
             except QuestionError as e:
                 choices.append((c.text, e))
         try:
-            return executor.judge(program, choices)
+            return executor.answer_choices(program, choices)
         except ExecutionError as e:  # of the question
             failed = tuple(ChoiceAnswer(c.text, None, (), (), str(e)) for c in question.choices)
             return Answer(question.text, (), None, choices=failed)

@@ -100,7 +100,7 @@ class Executor:
             notes.append(f"none of the candidates says the answer, {text!r}")
         return replace(answer, choices=choices, notes=distinct(notes))
 
-    def judge(
+    def answer_choices(
         self,
         question_program: ProgramSource,
         choices: Sequence[tuple[str, ProgramSource | NsdrError]],
@@ -274,5 +274,5 @@ def _text(kind: Kind, value: Any) -> str:
 
 def _complete(program: Program) -> Program:
     if program.needs_choice:
-        raise ProgramError("the program judges a choice; pass it to `judge` with choices")
+        raise ProgramError("the program judges a choice; pass it to `answer_choices`")
     return program

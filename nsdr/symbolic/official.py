@@ -62,7 +62,7 @@ class OfficialExecutor:
         value = trace[-1].value
         return Answer(question, tokens, str(value) if type(value) is int else trace[-1].text, trace)
 
-    def judge(
+    def answer_choices(
         self,
         question_program: ProgramSource,
         choices: Sequence[tuple[str, ProgramSource | NsdrError]],

@@ -132,7 +132,7 @@ def reasoner(scene: Scene, length: Length) -> Callable[[Question], str | None]:
             return None
         with suppress(NsdrError):
             if choices:
-                answer = executor.judge(question.program, choices, question.text)
+                answer = executor.answer_choices(question.program, choices, question.text)
             else:
                 answer = executor.answer(question.program, question.text)
             text = narrate(answer, scene, length)
