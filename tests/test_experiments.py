@@ -54,6 +54,14 @@ def test_rows_are_measured_once_and_again_when_they_change(experiment, tmp_path,
     assert json.loads(file.read_text())["rows"][0]["seconds"] != 12345
 
 
+def test_rows_name_the_papers_system() -> None:
+    _, rows = read_experiment(Path(__file__).parents[1] / "configs" / "experiments" / "table2.yaml")
+    (row,) = (row for row in rows if row.name == "NS-DR, the paper's PropNet on patches")
+    assert row.evaluation is not None
+    settings = row.evaluation.pipeline()
+    assert (settings.dynamics.backend, settings.question_parser, settings.extensions) == ("paper", "network", False)
+
+
 def test_broken_experiments_are_named(experiment, tmp_path) -> None:
     experiment.write_text(experiment.read_text().replace("baseline: random", "base: random"))
     with pytest.raises(DataError, match=r"example\.yaml: not an experiment file .*base"):
