@@ -12,7 +12,7 @@ import pytest
 
 from nsdr import DataError, Event, Executor, Scene, SceneObject
 from nsdr.baselines import tag_options
-from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_answers, q_type_baselines
+from nsdr.baselines.q_type import PUBLISHED_Q_TYPE, SUBTYPE_ANSWERS, q_type_answers, q_type_baselines
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, read_questions, without_answers
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.cli.main import main
@@ -324,8 +324,8 @@ def test_random_answers_are_uniform_over_the_answers_of_the_question_type() -> N
 
 def test_uniform_answers_to_the_releases_questions_are_as_often_right_as_published() -> None:
     kinds = RELEASED_QUESTIONS["questions by kind"]
-    total = sum(kinds[name] for name in ANSWERS)
-    expected = sum(kinds[name] / len(answers) for name, answers in ANSWERS.items()) / total
+    total = sum(kinds[name] for name in SUBTYPE_ANSWERS)
+    expected = sum(kinds[name] / len(answers) for name, answers in SUBTYPE_ANSWERS.items()) / total
     assert 100 * expected == pytest.approx(29.02, abs=0.01)
     assert 100 * expected == pytest.approx(PUBLISHED_Q_TYPE["random"]["descriptive"], abs=0.3)
 

@@ -26,7 +26,7 @@ PUBLISHED_Q_TYPE = {
     },
 }
 """Accuracies on the test split (%) from the paper's Table 2; multiple choice as (per option, per question)."""
-ANSWERS = {
+SUBTYPE_ANSWERS = {
     "count": tuple("012345"),
     "exist": ("yes", "no"),
     **{f"query_{name}": words for name, words in ATTRIBUTES.items()},
@@ -42,7 +42,8 @@ def q_type_answers(
 ) -> Iterator[tuple[SceneQuestions, dict[int, Answer]]]:
     """Each scene's questions with the answers of a baseline by question id; what `nsdr.evaluation.score.score_answers` takes.
 
-    "random" draws uniformly from the answers to the question's subtype (`ANSWERS`), or "correct" or "wrong" for each option.
+    "random" draws uniformly from the answers to the question's subtype (`SUBTYPE_ANSWERS`), or "correct" or "wrong" for each
+    option.
     "frequent" gives the most frequent answer of the training set to the subtype, or to the options of the type; of equally
     frequent answers the first one in the alphabet.
 
@@ -71,7 +72,7 @@ def q_type_answers(
                 raise DataError(
                     f"the training questions have no {key!r}, which is to be answered; give a complete training set"
                 )
-            possible = OPTION_ANSWERS if question.choices else ANSWERS[key]
+            possible = OPTION_ANSWERS if question.choices else SUBTYPE_ANSWERS[key]
             frequent = min(counts[key], key=lambda answer: (-counts[key][answer], answer))
             words = [rng.choice(possible) if name == "random" else frequent for _ in range(n)]
             judged = (
@@ -103,8 +104,10 @@ def q_type_baselines(
 def _key(question: Question) -> str:
     if question.choices:
         return question.type
-    if question.subtype not in ANSWERS:
-        raise DataError(f"{question.text!r} has the subtype {question.subtype}; expected one of {', '.join(ANSWERS)}")
+    if question.subtype not in SUBTYPE_ANSWERS:
+        raise DataError(
+            f"{question.text!r} has the subtype {question.subtype}; expected one of {', '.join(SUBTYPE_ANSWERS)}"
+        )
     return question.subtype
 
 

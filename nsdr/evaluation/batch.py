@@ -21,7 +21,7 @@ from nsdr.pipeline import Pipeline, PipelineConfig
 from nsdr.question_parser.loading import GRAMMAR
 from nsdr.types import VideoProposals
 
-FORMATS = ("predictions", "scenes")
+FORMS = ("predictions", "scenes")
 
 
 def parse_videos(
@@ -81,8 +81,8 @@ def predict_dynamics(
         DataError: an unknown form, no proposals, or two files that would be written to the same one; or another process
             writes to `output`.
     """
-    if form not in FORMATS:
-        raise DataError(f"form is {form!r}; expected one of {', '.join(FORMATS)}")
+    if form not in FORMS:
+        raise DataError(f"form is {form!r}; expected one of {', '.join(FORMS)}")
     found = find_proposals(proposals)
     return _run(form, proposals, found, output, checkpoint, settings, engine, workers, device)
 

@@ -51,7 +51,7 @@ LARGEST_SEED = 10**12
 SceneSeed = Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
 LAST_FIRST_SCENE = SCENES_PER_SEED - SPLITS["test"].stop
 """Largest first scene; `seed` gives further scenes."""
-Split = Annotated[str, one_of(SPLITS)]
+SplitName = Annotated[str, one_of(SPLITS)]
 
 
 @dataclass(frozen=True)
@@ -76,14 +76,15 @@ class DatasetConfig(Settings):
         workers: number of processes; 0 is one per CPU core.
     """
 
-    job: ClassVar[tuple[str, int]] = "video", 1
-    """What one process makes at a time, and of how many videos it is."""
+    unit: ClassVar[str] = "video"
+    """What one job makes, as the progress bar calls it."""
+    videos_per_job: ClassVar[int] = 1
 
     output: str
     videos: Annotated[int, Meta(ge=1, le=limits().videos)] = 100
     seed: SceneSeed = 0
     first_scene: Annotated[int, Meta(ge=0, le=LAST_FIRST_SCENE)] = 0
-    splits: Mapping[Split, Share] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
+    splits: Mapping[SplitName, Share] = field(default_factory=lambda: {"train": 0.5, "validation": 0.25, "test": 0.25})
     renderer: Annotated[str, one_of(RENDERERS)] = "preview"
     masks: bool = True
     questions: QuestionConfig | None = field(default_factory=QuestionConfig)
@@ -207,14 +208,14 @@ def _write_manifests(config: DatasetConfig, root: Path) -> None:
 
 
 def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
-    unit, step = config.job
+    step = config.videos_per_job
     value = fingerprint(config=[VERSION, _manifest(config)["config"]])
     jobs = [
         Job(f"video {video}", (split, range(video, video + step)), Files(root, split, video + step - 1).truth, value)
         for split, indices in config.indices().items()
         for video in indices[::step]
     ]
-    summary = run_jobs(partial(_make_videos, config), jobs, root, config.engine, config.workers, unit)
+    summary = run_jobs(partial(_make_videos, config), jobs, root, config.engine, config.workers, config.unit)
     made = [(job.item[0], index) for job in summary.succeeded(jobs, root, keep_going) for index in job.item[1]]
     if config.questions is not None:
         for split in config.indices():

@@ -8,7 +8,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from nsdr.baselines.q_type import ANSWERS, PUBLISHED_Q_TYPE, q_type_baselines
+from nsdr.baselines.q_type import PUBLISHED_Q_TYPE, SUBTYPE_ANSWERS, q_type_baselines
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.io.files import write_file
 from nsdr.io.reading import parse_json
@@ -129,7 +129,7 @@ def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions]
         "|---|---|---|---|---|",
     ]
     of_clevrer = [
-        replace(s, questions=tuple(q for q in s.questions if q.choices or q.subtype in ANSWERS)) for s in scenes
+        replace(s, questions=tuple(q for q in s.questions if q.choices or q.subtype in SUBTYPE_ANSWERS)) for s in scenes
     ]
     for baseline, rows in q_type_baselines(of_clevrer).items():
         for source, scale, found in (("this set", 100, rows), ("as published", 1, PUBLISHED_Q_TYPE[baseline])):

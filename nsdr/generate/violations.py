@@ -12,7 +12,14 @@ from msgspec import Meta
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.errors import DataError
-from nsdr.generate.dataset import SCENES_PER_SEED, DatasetConfig, Files, Split, generate_dataset, write_split_questions
+from nsdr.generate.dataset import (
+    SCENES_PER_SEED,
+    DatasetConfig,
+    Files,
+    SplitName,
+    generate_dataset,
+    write_split_questions,
+)
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.violations import SIZES, break_law
 from nsdr.io.limits import limits
@@ -40,10 +47,11 @@ class ViolationsConfig(DatasetConfig):
         sizes: how clearly, of "clear", "small" and "limit".
     """
 
-    job: ClassVar[tuple[str, int]] = "pair", 2
+    unit: ClassVar[str] = "pair"
+    videos_per_job: ClassVar[int] = 2
 
     videos: Annotated[int, Meta(ge=2, le=limits().videos, multiple_of=2)] = 60
-    splits: Mapping[Split, Share] = field(default_factory=lambda: {"validation": 1.0})
+    splits: Mapping[SplitName, Share] = field(default_factory=lambda: {"validation": 1.0})
     questions: None = None
     laws: Annotated[tuple[Annotated[str, one_of(LAWS)], ...], Meta(min_length=1)] = tuple(LAWS)
     sizes: Annotated[tuple[Annotated[str, one_of(SIZES)], ...], Meta(min_length=1)] = SIZES

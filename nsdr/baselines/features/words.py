@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from nsdr.baselines.features.files import BOX_NUMBERS, WORD_CHANNELS, WordConfig
 from nsdr.io.video import spaced
+from nsdr.tracking.tracker import TrackerConfig
 from nsdr.types import VideoProposals
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 from nsdr.world.shapes import rendered_rotation, surface_points
 from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES, attribute_index, attributes_of
 
 Array = NDArray[np.floating[Any]]
-MIN_SCORE = 0.9
-"""Detections with a score up to this are left out (0-1; the paper's threshold for proposals)."""
 WORDS = np.array(
     [[word in attributes_of(i) for known in ATTRIBUTES.values() for word in known] for i in range(N_ATTRIBUTE_TRIPLES)],
     np.float64,
@@ -78,7 +77,7 @@ def linked_boxes(proposals: VideoProposals, max_objects: int) -> tuple[NDArray[n
     object. Those that are seen in most frames come first; where there are more than N, the others are left out.
     """
     p = proposals
-    found = np.flatnonzero((p.score > MIN_SCORE) & (p.area_px > 0))
+    found = np.flatnonzero((p.score > TrackerConfig.score) & (p.area_px > 0))
     found = found[np.argsort(p.score[found], kind="stable")]
     seen = np.zeros((N_ATTRIBUTE_TRIPLES, p.n_frames, BOX_NUMBERS), np.float32)
     sides = np.array([WIDTH_PX, HEIGHT_PX, WIDTH_PX, HEIGHT_PX], np.float32)

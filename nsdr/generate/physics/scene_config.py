@@ -15,9 +15,9 @@ from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
 
 Triple = tuple[str, str, str]
 """(color, material, shape) of an object."""
-MIN_OBJECTS = 2
+MIN_SCENE_OBJECTS = 2
 """Smallest number of objects in a scene: the first collision needs two."""
-MIN_FRAMES = 10
+MIN_VIDEO_FRAMES = 10
 """Shortest video (frames)."""
 
 
@@ -43,7 +43,7 @@ class SceneConfig(Settings):
     """
 
     objects: Mapping[int, NotNegative] = field(default_factory=lambda: {4: 0.36, 5: 0.335, 6: 0.305})
-    participants: Annotated[int, Meta(ge=MIN_OBJECTS)] = 4
+    participants: Annotated[int, Meta(ge=MIN_SCENE_OBJECTS)] = 4
     shapes: Annotated[tuple[Annotated[str, one_of(SHAPES)], ...], Meta(min_length=1)] = SHAPES
     colors: Annotated[tuple[Annotated[str, one_of(COLORS)], ...], Meta(min_length=1)] = COLORS
     materials: Annotated[tuple[Annotated[str, one_of(MATERIALS)], ...], Meta(min_length=1)] = MATERIALS
@@ -51,7 +51,7 @@ class SceneConfig(Settings):
     only: tuple[str, ...] = ()
     speed: tuple[Positive, Positive] = START_SPEED_RANGE_WORLD_PER_S
     mass: tuple[Positive, Positive] = MASS_RANGE
-    n_frames: Annotated[int, Meta(ge=MIN_FRAMES)] = VIDEO_FRAMES
+    n_frames: Annotated[int, Meta(ge=MIN_VIDEO_FRAMES)] = VIDEO_FRAMES
     physics: BulletConfig = field(default_factory=BulletConfig)
 
     def __post_init__(self) -> None:
@@ -59,8 +59,8 @@ class SceneConfig(Settings):
         most = limits().scene_objects
         check_limit(self.n_frames, "frames", "n_frames")
         check_limit(self.participants, "scene_objects", "participants")
-        if not all(MIN_OBJECTS <= n <= most for n in self.objects) or not any(self.objects.values()):
-            expected = f"probabilities of {MIN_OBJECTS} to {most} objects"
+        if not all(MIN_SCENE_OBJECTS <= n <= most for n in self.objects) or not any(self.objects.values()):
+            expected = f"probabilities of {MIN_SCENE_OBJECTS} to {most} objects"
             raise DataError(f"objects: expected {expected}, got {dict(self.objects)}")
         for name in ("speed", "mass"):
             low, high = getattr(self, name)

@@ -46,10 +46,11 @@ MIN_CLOSING_SPEED, MIN_RESTITUTION = 0.5, 0.4
 BEFORE, AFTER = 2, 3
 """Frames before and after a collision at which velocities are those before and after it."""
 
-Change = tuple[SimulatedScene, Violation]
+BrokenScene = tuple[SimulatedScene, Violation]
+"""A scene with a broken law, and what was done."""
 
 
-def break_law(scene: SimulatedScene, law: str, size: str, seed: int) -> Change | None:
+def break_law(scene: SimulatedScene, law: str, size: str, seed: int) -> BrokenScene | None:
     """The scene with a law broken once, and what was done; None where this scene gives no occasion.
 
     An object whose words change is two objects, of which the second takes the first one's place. Objects that are not there are
@@ -70,7 +71,7 @@ def _turned(x: float, y: float, angle: float, length: float) -> tuple[float, flo
     return x + length * math.cos(angle), y + length * math.sin(angle)
 
 
-def _permanence(lawful: LawfulScene, frames: float, size: int) -> Change | None:
+def _permanence(lawful: LawfulScene, frames: float, size: int) -> BrokenScene | None:
     """Not there: from a frame on, up to a frame, or for some frames."""
     for i, f in lawful.moments(CALM_FRAMES + (0 if math.isinf(frames) else int(frames)), MOVING_SPEED * (size > 0)):
         if math.isinf(frames) and lawful.rng.random() < 0.5:
@@ -87,7 +88,7 @@ def _permanence(lawful: LawfulScene, frames: float, size: int) -> Change | None:
     return None
 
 
-def _identity(lawful: LawfulScene, frames: float, size: int) -> Change | None:
+def _identity(lawful: LawfulScene, frames: float, size: int) -> BrokenScene | None:
     """Another object in its place: with other words altogether, or another colour."""
     scene, rng = lawful.scene, lawful.rng
     names = {o.name for o in scene.objects}
@@ -130,7 +131,7 @@ def _renamed(contact: Contact, old: int, new: int) -> Contact:
     return replace(contact, bodies=(a, b))
 
 
-def _continuity(lawful: LawfulScene, length: float, _: int) -> Change | None:
+def _continuity(lawful: LawfulScene, length: float, _: int) -> BrokenScene | None:
     """Shifted in any direction."""
     for i, f in lawful.moments():
         body = lawful.body(i, f)
@@ -142,7 +143,7 @@ def _continuity(lawful: LawfulScene, length: float, _: int) -> Change | None:
     return None
 
 
-def _inertia(lawful: LawfulScene, change: float, _: int) -> Change | None:
+def _inertia(lawful: LawfulScene, change: float, _: int) -> BrokenScene | None:
     """Another velocity."""
     for i, f in lawful.moments():
         body = lawful.body(i, f)
@@ -153,7 +154,7 @@ def _inertia(lawful: LawfulScene, change: float, _: int) -> Change | None:
     return None
 
 
-def _friction(lawful: LawfulScene, deceleration: float, _: int) -> Change | None:
+def _friction(lawful: LawfulScene, deceleration: float, _: int) -> BrokenScene | None:
     """More friction on the ground."""
     gravity = lawful.simulator.config.gravity
     for i, f in lawful.moments(SLIDING_FRAMES, 2 * MOVING_SPEED):
@@ -166,7 +167,7 @@ def _friction(lawful: LawfulScene, deceleration: float, _: int) -> Change | None
     return None
 
 
-def _solidity(lawful: LawfulScene, distance: float, size: int) -> Change | None:
+def _solidity(lawful: LawfulScene, distance: float, size: int) -> BrokenScene | None:
     """Two objects pass through each other."""
     least = [0.0, *AMOUNTS["solidity"]][size]
     for c in lawful.collisions():
@@ -185,7 +186,7 @@ def _solidity(lawful: LawfulScene, distance: float, size: int) -> Change | None:
     return None
 
 
-def _reaction(lawful: LawfulScene, restitution: float, size: int) -> Change | None:
+def _reaction(lawful: LawfulScene, restitution: float, size: int) -> BrokenScene | None:
     """Two objects rebound more than they can; or one of them as from a wall, while the other stays as it was."""
     for c in lawful.collisions():
         f, first = c.frame + 1, c.frame - 1
@@ -222,7 +223,7 @@ def _reaction(lawful: LawfulScene, restitution: float, size: int) -> Change | No
     return None
 
 
-def _distance(lawful: LawfulScene, gap: float, _: int) -> Change | None:
+def _distance(lawful: LawfulScene, gap: float, _: int) -> BrokenScene | None:
     """Two objects repel each other as in their collision, before they touch."""
     motion = lawful.scene.motion
     for c in lawful.collisions():
@@ -243,7 +244,7 @@ def _distance(lawful: LawfulScene, gap: float, _: int) -> Change | None:
     return None
 
 
-def _arrow(lawful: LawfulScene, number: float, size: int) -> Change | None:
+def _arrow(lawful: LawfulScene, number: float, size: int) -> BrokenScene | None:
     """The video backwards."""
     scene, n_frames, seen = lawful.scene, lawful.scene.n_frames, len(lawful.collisions())
     if seen < number or (size and seen > number):
@@ -256,7 +257,7 @@ def _arrow(lawful: LawfulScene, number: float, size: int) -> Change | None:
     return replace(scene, motion=motion, counterfactual={}), found
 
 
-def _standstill(lawful: LawfulScene, frames: float, _: int) -> Change | None:
+def _standstill(lawful: LawfulScene, frames: float, _: int) -> BrokenScene | None:
     """The same picture for some frames while an object should move."""
     scene, total = lawful.scene, lawful.scene.motion.location_world.shape[1]
     more = int(frames) - 1
@@ -272,7 +273,7 @@ def _standstill(lawful: LawfulScene, frames: float, _: int) -> Change | None:
     return None
 
 
-_BREAK: dict[str, Callable[[LawfulScene, float, int], Change | None]] = {
+_BREAK: dict[str, Callable[[LawfulScene, float, int], BrokenScene | None]] = {
     "permanence": _permanence,
     "identity": _identity,
     "continuity": _continuity,

@@ -15,7 +15,7 @@ from typing import Annotated
 from msgspec import Meta
 from msgspec.structs import replace
 
-from nsdr.baselines.q_type import ANSWERS
+from nsdr.baselines.q_type import SUBTYPE_ANSWERS
 from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.generate.questions.candidates import (
@@ -338,4 +338,4 @@ def _with_choices(question: Question, options: Sequence[Choice]) -> Question:
 
 
 def _target_share(subtype: str, answer: str) -> float:
-    return COUNT_SHARES.get(answer, OTHER_COUNT_SHARE) if subtype == "count" else 1 / len(ANSWERS[subtype])
+    return COUNT_SHARES.get(answer, OTHER_COUNT_SHARE) if subtype == "count" else 1 / len(SUBTYPE_ANSWERS[subtype])

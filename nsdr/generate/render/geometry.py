@@ -16,7 +16,7 @@ from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 CUBE, SPHERE, CYLINDER = 0, 1, 2
-KINDS = {"cube": CUBE, "sphere": SPHERE, "cylinder": CYLINDER}
+KIND_OF_SHAPE = {"cube": CUBE, "sphere": SPHERE, "cylinder": CYLINDER}
 KIND, CENTRE, AXES = 0, 1, 4
 """Columns of an array of solids."""
 PLACE, FACING, COLOR, RIGHT, UP, HALF_DIAGONAL = 0, 3, 6, 9, 12, 15
@@ -53,7 +53,7 @@ class Solid:
 
 def solids_of(solids: Sequence[Solid]) -> NDArray[np.float64]:
     """(n, 13) the solids of a frame for compiled functions: `KIND`, `CENTRE` and, from `AXES` on, directions of their axes."""
-    rows = [[KINDS[s.shape], *s.location_world, *s.rotation.T.ravel()] for s in solids]
+    rows = [[KIND_OF_SHAPE[s.shape], *s.location_world, *s.rotation.T.ravel()] for s in solids]
     return np.array(rows, float).reshape(-1, 13)
 
 
