@@ -37,7 +37,7 @@ NEAREST = cv2.INTER_NEAREST_EXACT
 
 @dataclass(frozen=True)
 class _Truth:
-    """What is known of a video of n objects and F frames, some of them after its end.
+    """The truth about a video with n objects and F frames, of which some may be after its end.
 
     Attributes:
         attributes: (n, 3).
@@ -56,7 +56,7 @@ class _Truth:
     camera: Camera
 
     def solids(self, frame: int) -> list[Solid]:
-        """Geometry of the objects in a frame."""
+        """The geometry of the objects in a frame."""
         shapes = [ATTRIBUTES["shape"][i] for i in self.attributes[:, 2]]
         places = self.states[frame, :, STATE["location"]]
         turns = Rotation.from_quat(self.states[frame, :, STATE["rotation"]]).as_matrix()
@@ -87,8 +87,8 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
       the last frame of a released video, after which nothing is known
     - `frames` (T,) int64, numbers of the frames; `scene_index` int64
 
-    Generated data sets, and those without an object in their `counterfactual/`, give all of it from their truth files; the
-    release's `train` and `validation` from its annotations, without its three videos of other lengths
+    In generated data sets, and in the worlds in their `counterfactual/`, all of this comes from truth files. In the release's
+    `train` and `validation`, it comes from annotations, and three videos of other lengths are left out
     (`nsdr.clevrer.IRREGULAR_VIDEOS`).
 
         >>> data = VideoDataset("data", "train", length=16, step=2, image_size=(64, 96))
@@ -98,11 +98,11 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
         root: folder of the data set (`nsdr.clevrer.CLEVRER`).
         split: "train", "validation" or "test".
         length: frames of a clip; 0 for all that the video has.
-        step: frames from one frame of a clip to its next.
-        hop: frames from the start of a clip to that of the next clip of the same video; 0 for clips that do not overlap.
+        step: distance between successive frames of a clip (frames).
+        hop: distance between the starts of successive clips of a video (frames); 0 for clips that do not overlap.
         image_size: height and width (pixels); None for the video's own, at most 320x480.
-        images, masks, flow: whether items have them. Without `images`, videos need not be there, and `image_size` must be given
-            where masks or flow are wanted.
+        images, masks, flow: whether items have them. Without `images`, the videos may be missing, and masks and flow need an
+            `image_size`.
         max_objects: rows of the objects.
 
     Raises:
@@ -124,9 +124,8 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
     ) -> None:
         _Options(length, step, hop, image_size, max_objects)
         if image_size is not None:
-            height = max(
-                image_size[0], image_size[1] * HEIGHT_PX // WIDTH_PX
-            )  # masks are cast at the release's aspect ratio
+            # Masks are cast at the release's aspect ratio.
+            height = max(image_size[0], image_size[1] * HEIGHT_PX // WIDTH_PX)
             check_limit(height * height * WIDTH_PX // HEIGHT_PX, "image_pixels", f"image_size {tuple(image_size)}")
         if not images and (masks or flow) and image_size is None:
             raise DataError("image_size: masks and flow without images need a size")
@@ -167,7 +166,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
         return {name: torch.from_numpy(np.array(value)) for name, value in item.items()}
 
     def _videos(self) -> list[int]:
-        """Indices of the videos that are there, or of those with a truth file where no images are wanted."""
+        """Indices of the videos whose truth is known and, if images are wanted, whose video file is there."""
         split = self._split
         if self._render is None:
             known = sorted(set(split.entries("annotations")) - set(IRREGULAR_VIDEOS))
@@ -247,7 +246,7 @@ def _truth_of(
     collisions: list[dict[str, Any]],
     camera: Camera,
 ) -> _Truth:
-    """The content of a truth or annotation file as arrays."""
+    """The truth in a truth or annotation file, as arrays."""
     rows = sorted(rows, key=lambda row: row["object_id"])
     ordered = [sorted(frame["objects"], key=lambda row: row["object_id"]) for frame in frames]
     vectors = np.array([[[row[name] for name in VECTORS] for row in frame] for frame in ordered])

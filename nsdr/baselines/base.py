@@ -1,4 +1,4 @@
-"""What the trained baselines of the paper's Table 2 have in common: their input, their form and their registry."""
+"""What the trained baselines of the paper's Table 2 have in common: their input, their base class and their registry."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -10,18 +10,19 @@ from nsdr.io.registry import Registry
 
 
 class Batch(NamedTuple):
-    """B texts about V videos of F frames. A text is a descriptive question, or a question with one of its options.
+    """B texts about V videos of F frames. A text is a descriptive question, or a multiple-choice question with one option.
 
     Attributes:
-        words: (B, T) int64 word indices of the question, and for an option of a separator and the option; padded with `PAD`.
+        words: (B, T) int64 word indices of the question, followed by a separator and the option if there is one; padded with
+            `PAD`.
         video: (B,) int64, each text's row in the tensors of the videos.
         pooled: (V, F, C) float32 feature vectors of the frames; None where `Baseline.needs` has no "pooled".
         maps: (V, F, C, h, w) float32 feature maps of the frames, or None.
         objects: (V, F, N, C + 4) float32 features of the detected objects and their boxes (left, top, right, bottom as shares
             of the image), padded with zeros; or None.
         has_object: (V, F, N) bool, which of them are objects, or None.
-        program: (B, P) int64 postfix program tokens of the question, and for an option of `PROGRAM_SEPARATOR` and the option's;
-            padded with `PAD`; or None.
+        program: (B, P) int64 postfix program tokens of the question, followed by `PROGRAM_SEPARATOR` and the option's tokens if
+            there is one; padded with `PAD`; or None.
     """
 
     words: Tensor
@@ -40,8 +41,8 @@ class Sizes:
     Attributes:
         words: number of word indices.
         answers: number of answers.
-        channels: C of the feature vectors and maps; 0 where none are read.
-        grid: (h, w) of the feature maps; (0, 0) where none are read.
+        channels: C of the feature vectors and maps; 0 if none are read.
+        grid: (h, w) of the feature maps; (0, 0) if none are read.
     """
 
     words: int
@@ -58,7 +59,7 @@ class Baseline(nn.Module):
         sizes: of the data set and the features.
 
     Attributes:
-        needs: what it reads of a `Batch` beside the words: some of "pooled", "maps", "objects", "program".
+        needs: what it reads from a `Batch` besides the words: some of "pooled", "maps", "objects", "program".
         Config: frozen dataclass of its settings.
     """
 

@@ -1,4 +1,4 @@
-"""From questions and features of videos to the `Batch` of a baseline."""
+"""Turns questions and features of videos into the `Batch` of a baseline."""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ PROGRAM_SEPARATOR = END
 class Vocabulary:
     """Indices of the words and answers of the training questions.
 
-    A text is the words of a question, and for an option a separator, the highest index, and its words.
+    A text is the words of a question, followed by a separator (the highest index) and the words of an option if there is one.
 
     Attributes:
-        words: known words, whose indices begin at 1; 0 is `PAD`.
+        words: known words; their indices begin at 1, and 0 is `PAD`.
         answers: answers to descriptive questions in alphabetical order, then `OPTION_ANSWERS`.
     """
 
@@ -53,14 +53,14 @@ class Vocabulary:
         return Tokenizer(self.words)
 
     def sizes(self, channels: int = 0, grid: tuple[int, int] = (0, 0)) -> Sizes:
-        """Those of a network for these words and answers, and for features of so many channels and maps of this (h, w)."""
+        """The sizes of a network for this vocabulary, and for features with `channels` and maps of height and width `grid`."""
         return Sizes(len(self.words) + 2, len(self.answers), channels, grid)
 
     def encode_text(self, question: Question, choice: Choice | None) -> list[int]:
         """Word indices of a question, or of a question with one of its options.
 
         Raises:
-            QuestionError: an empty text, or a word that did not occur in training; names it.
+            QuestionError: the text is empty, or has a word that did not occur in training; names it.
         """
         try:
             words = self._tokenizer.encode(question.text)
@@ -83,8 +83,8 @@ class Example(NamedTuple):
         program: program token indices, as in `Batch.program`; empty where they are not needed.
         is_choice: whether the text is an option.
         is_plain: whether the question is about objects alone.
-        answer: index of the answer; -1 where the file has none, or one that did not occur in training.
-        colors: for each of `COLORS`, the index of the one that takes its place in the video and the text; empty: they stay.
+        answer: index of the answer; -1 if the file has none, or one that did not occur in training.
+        colors: for each of `COLORS`, the index of the colour that replaces it in the video and the text; empty if all stay.
     """
 
     scene_index: int
@@ -97,10 +97,10 @@ class Example(NamedTuple):
 
 
 def encoded(scene_index: int, question: Question, vocabulary: Vocabulary, needs: Collection[str]) -> list[Example]:
-    """The examples of a question: one for a descriptive question, else one for each of its options.
+    """The examples of a question: a single one for a descriptive question, else one for each option.
 
     Raises:
-        QuestionError: an unknown word, or a program that is needed and missing or unknown; names it.
+        QuestionError: a word is unknown, or a program that is needed is missing or has an unknown token; names it.
     """
     examples = []
     for choice in question.choices or (None,):
@@ -126,10 +126,10 @@ def _token_indices(text: Question | Choice) -> list[int]:
 def training_examples(
     scenes: Iterable[SceneQuestions], vocabulary: Vocabulary, needs: Collection[str]
 ) -> list[list[Example]]:
-    """The examples of each video that has some.
+    """The examples of each video with questions.
 
     Raises:
-        DataError: a question without its answer or without a program that is needed; names the scene and the question.
+        DataError: a question lacks its answer, or a program that is needed; names the scene and the question.
     """
     videos = []
     for scene in scenes:
@@ -148,11 +148,11 @@ def training_examples(
 
 
 def make_batch(examples: Sequence[Example], features: Features | None, needs: Collection[str]) -> Batch:
-    """One batch on the CPU: row b is that of example b, each video has one row.
+    """One batch on the CPU. Row b is example b; each video has one row in the tensors of videos.
 
     Args:
         examples: at least one.
-        features: of their videos; None where none are needed.
+        features: features of the videos; None if none are needed.
         needs: `Baseline.needs`.
 
     Raises:

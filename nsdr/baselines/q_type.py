@@ -1,4 +1,4 @@
-"""The paper's Q-type baselines, which answer from the question's type alone and so measure the bias of a question set."""
+"""The paper's Q-type baselines, which know only the type of a question, and so measure the bias of a question set."""
 
 import random
 from collections import Counter, defaultdict
@@ -40,19 +40,19 @@ OPTION_ANSWERS = ("correct", "wrong")
 def q_type_answers(
     scenes: Sequence[SceneQuestions], name: str, seed: int = 0, training: Sequence[SceneQuestions] | None = None
 ) -> Iterator[tuple[SceneQuestions, dict[int, Answer]]]:
-    """Each scene's questions with the answers of a baseline by question id; what `nsdr.evaluation.score.score_answers` takes.
+    """Each scene's questions with a baseline's answers by question id, as `nsdr.evaluation.score.score_answers` takes them.
 
     "random" draws uniformly from the answers to the question's subtype (`SUBTYPE_ANSWERS`), or "correct" or "wrong" for each
     option.
-    "frequent" gives the most frequent answer of the training set to the subtype, or to the options of the type; of equally
-    frequent answers the first one in the alphabet.
+    "frequent" gives the most frequent answer in the training set to questions of the subtype, or to options of the type; of
+    equally frequent answers, the first in the alphabet.
 
     Args:
         scenes: questions with answers.
         name: "random" or "frequent".
         seed: seed of the random answers.
-        training: the training set, with answers, whose plain questions do not count; None counts the frequencies on `scenes`,
-            which is not the paper's baseline.
+        training: the training set, with answers; its plain questions do not count. None counts the answers in `scenes`
+            themselves, which is not the paper's baseline.
 
     Raises:
         DataError: another name, a question without its answer, an unknown subtype, or a type or subtype that the training set

@@ -1,4 +1,4 @@
-"""A trained baseline: answers the questions of a file about videos whose features are known."""
+"""A trained baseline: answers questions about videos from the features of these videos."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -22,7 +22,7 @@ from nsdr.symbolic.program import Program
 from nsdr.types import Answer, ChoiceAnswer
 
 TEXTS_PER_BATCH = 64
-"""Most texts of one video that are answered at once; memory is the only thing that depends on it."""
+"""Most texts about one video that are answered at once. Only the use of memory depends on it."""
 
 
 class TrainedBaseline(PretrainedPart):
@@ -31,8 +31,8 @@ class TrainedBaseline(PretrainedPart):
     Args:
         system: its name in `BASELINES`.
         network: the network.
-        vocabulary: of its training.
-        features: how the features were made that it learnt from, `features` of their manifest; empty where it sees no video.
+        vocabulary: words and answers of its training.
+        features: settings of the features that it learnt from (`features` of their manifest); empty if it sees no video.
     """
 
     part: ClassVar[str] = "baseline"
@@ -68,7 +68,7 @@ class TrainedBaseline(PretrainedPart):
         return self.network.config, self.details()
 
     def details(self) -> dict[str, Any]:
-        """What the checkpoint's JSON holds beside the settings: system, words, answers, sizes, features, parameters."""
+        """Further content of the checkpoint's JSON: system, words, answers, sizes, features and number of parameters."""
         return {
             "system": self.system,
             "words": self.vocabulary.words,
@@ -79,10 +79,10 @@ class TrainedBaseline(PretrainedPart):
         }
 
     def check_features(self, features: FeatureCache | None) -> None:
-        """Refuse features that do not fit, that do nothing or that are missing.
+        """Refuse features that do not fit, are not used or are missing.
 
         Raises:
-            DataError: says what was expected and found.
+            DataError: the features are refused; says what was expected and what was found.
         """
         needs = self.network.needs
         wanted = ", ".join(sorted(needs & set(KINDS)))
@@ -97,15 +97,15 @@ class TrainedBaseline(PretrainedPart):
     def answer_questions(
         self, scenes: Iterable[SceneQuestions], features: FeatureCache | None, types: Collection[str] = QUESTION_TYPES
     ) -> Iterator[tuple[SceneQuestions, dict[int, Answer | NsdrError]]]:
-        """Answer questions scene by scene; what `nsdr.evaluation.score.score_answers` takes.
+        """Answer questions scene by scene, as `nsdr.evaluation.score.score_answers` takes them.
 
         Args:
-            scenes: questions; their programs are read where the network needs programs.
-            features: of their videos; None where the network needs none.
+            scenes: the questions, with programs if the network needs programs.
+            features: features of the videos; None if the network needs none.
             types: question types to answer.
 
         Yields:
-            The scene's questions, and by question id the answer, with probabilities by the softmax, or why it has none.
+            The scene's questions, and by question id the answer with the softmax's probabilities, or the error.
 
         Raises:
             DataError: features are missing or do not fit (`check_features`).
@@ -125,7 +125,7 @@ class TrainedBaseline(PretrainedPart):
                 parser finds in it; it also takes the video's annotation.
             question: the question.
             choices: options of a multiple-choice question.
-            parser: reads the programs that modular networks run; None for those that need none.
+            parser: makes the programs that modular networks run; None for networks that need none.
 
         Raises:
             QuestionError: a word that did not occur in training, or a text that fits no program.
@@ -205,12 +205,12 @@ class TrainedBaseline(PretrainedPart):
 
 @dataclass(frozen=True)
 class _OneVideo:
-    """`Features` of one video, whatever its index."""
+    """`Features` that are those of one video, whatever index is asked for."""
 
     found: dict[str, NDArray[Any]]
 
     def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
-        """All of them: they were made for these needs."""
+        """All features of the video: only those that are needed were made."""
         return self.found
 
 

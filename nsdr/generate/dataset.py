@@ -47,10 +47,10 @@ VERSIONS_OF = ("nsdr", "pybullet", "bpy", "numpy", "opencv-python-headless", "av
 SCENES_PER_SEED = 1_000_000
 """Scene `n` of seed `s` is simulated from the number `s * SCENES_PER_SEED + n`, which `truth_N.json` keeps as `seed`."""
 LARGEST_SEED = 10**12
-"""Largest seed, so that scenes' numbers fit 64 bits."""
+"""Largest seed for which the numbers of all scenes fit into 64 bits."""
 SceneSeed = Annotated[int, Meta(ge=0, le=LARGEST_SEED)]
 LAST_FIRST_SCENE = SCENES_PER_SEED - SPLITS["test"].stop
-"""Largest first scene; `seed` gives further scenes."""
+"""Largest first scene. Another `seed` gives more scenes."""
 SplitName = Annotated[str, one_of(SPLITS)]
 
 
@@ -61,15 +61,16 @@ class DatasetConfig(Settings):
     Attributes:
         output: folder of the data set; an interrupted generation resumes there.
         videos: number of videos over all splits.
-        seed: which scenes; data sets with different seeds have no scene in common.
+        seed: selects the scenes; data sets with different seeds have no scenes in common.
         first_scene: number of the scene that video 0 shows; video `i` shows scene `first_scene + i` of the seed.
         splits: share of the videos in train, validation and test (normalised before use).
         renderer: "preview" (fast), "blender" with `render.assets`, or "none" for data sets without videos.
         masks: whether to write exact masks as mask proposals (about 0.3 MB per video).
-        questions: balanced questions for each split, or None. The test split's answers are in `truth/questions_test.json`
-            only.
-        counterfactual_videos: for each video, how many of its worlds without an object are written, too, into data sets of
-            their own below `counterfactual/` (`Files`): those first that differ most (`removals_by_effect`).
+        questions: settings of the questions of each split; None for a data set without questions. The answers to the test
+            split's questions are only in `truth/questions_test.json`.
+        counterfactual_videos: number of videos without one of the objects that are written for each video, in data sets of
+            their own below `counterfactual/` (see `Files`), beginning with the objects whose removal changes most
+            (see `removals_by_effect`).
         scene: what scenes look like.
         render: rendering options.
         engine: "processes" or "ray".
@@ -113,19 +114,19 @@ class DatasetConfig(Settings):
         return self.questions is not None
 
     def scene_seed(self, index: int) -> int:
-        """The number from which the scene of a video is simulated: unique over all seeds and scenes."""
+        """The number from which the scene of a video is simulated. No other seed or scene has the same number."""
         return self.seed * SCENES_PER_SEED + self.first_scene + index
 
     def made(self, index: int) -> tuple[SimulatedScene, dict[str, Any]]:
-        """The scene of a video, and what its truth file says beside it."""
+        """The scene of a video, and additional entries of its truth file."""
         return simulate_scene(self.scene_seed(index), self.scene), {}
 
     def made_together(self, first: int) -> Sequence[tuple[SimulatedScene, dict[str, Any]]]:
-        """The same of each video of a job, from index `first` on."""
+        """What `made` returns for each video of the job that begins with video `first`."""
         return [self.made(first)]
 
     def indices(self) -> dict[str, range]:
-        """Video indices of each split: the first ones of the release's ranges."""
+        """Video indices of each split, counted from the start of the split's range in the release."""
         total = sum(self.splits.values())
         ends = np.cumsum([self.splits.get(name, 0.0) for name in SPLITS]) / total * self.videos
         counts = np.diff(np.rint(ends), prepend=0).astype(int)
@@ -144,14 +145,15 @@ class Files:
         root: folder of the data set.
         split: the video's split.
         index: its index.
-        world: 0 for the video itself; from 1 on, the same video without an object, in `counterfactual/WORLD`, where files
-            have the same names. The truth file there gives the id that the object has in the video itself as `removed`.
+        world: 0 for the video itself. World 1 and later ones show the same scene without one of its objects; their files are
+            in `counterfactual/WORLD`, under the same names. `removed` in such a world's truth file is the id that the missing
+            object has in the video itself.
 
     Attributes:
         video: the video (mp4).
         annotation: the annotation, which the test split lacks.
-        proposals: exact masks as mask proposals.
-        truth: the complete ground truth; written last, so it marks a finished video.
+        proposals: exact masks, as mask proposals.
+        truth: the complete ground truth. It is written last, so it marks a finished video.
     """
 
     def __init__(self, root: str | Path, split: str, index: int, world: int = 0) -> None:
@@ -173,15 +175,15 @@ def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
     """Generate a data set and return its folder. Finished videos are kept.
 
     A data set has `videos/`, `annotations/` (not for the test split, as in the release), `derender_proposals/`, `questions/`,
-    `truth/`, `manifest.json`, statistics compared with the release's, and if wanted `counterfactual/` (`Files`).
+    `truth/`, `manifest.json`, statistics beside those of the release, and optionally `counterfactual/` (see `Files`).
 
     Args:
         config: what to generate.
-        keep_going: when videos fail, make questions and statistics of the others.
+        keep_going: if videos fail, write questions and statistics about the others.
 
     Raises:
-        DataError: PyBullet is not installed, the folder holds a data set with another configuration, another process writes to
-            it, or some videos failed (the others are written).
+        DataError: PyBullet is not installed, the folder holds a data set with another configuration, another process is
+            writing to it, or some videos failed (the others are written).
     """
     check_installed("pybullet", "simulating needs PyBullet", "generate")
     root = Path(config.output)
@@ -192,7 +194,7 @@ def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
 
 
 def _write_manifests(config: DatasetConfig, root: Path) -> None:
-    """That of the data set, and those of its worlds without an object, about which no questions are asked."""
+    """Write the manifests of the data set and of its worlds without an object, which have no questions."""
     manifest, path = _manifest(config), root / "manifest.json"
     if path.exists():
         existing = read_json(path, dict[str, Any]).get("config")
@@ -240,7 +242,7 @@ def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[
 
 
 def write_split_questions(root: Path, split: str, scenes: Sequence[SceneQuestions]) -> None:
-    """Write the question file of a split; the test split's answers are in `truth/questions_test.json` only."""
+    """Write the question file of a split; those of the test split get their answers only in `truth/questions_test.json`."""
     if split == "test":
         write_questions(root / "truth" / "questions_test.json", scenes)
         scenes = [without_answers(scene) for scene in scenes]
@@ -259,7 +261,7 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
     for name in ("output", "engine", "workers"):
         values.pop(name)
     if not config.counterfactual_videos:
-        values.pop("counterfactual_videos")  # as in data sets from before there were such videos
+        values.pop("counterfactual_videos")  # older data sets lack this setting, and stay valid
     values["render"]["assets"] = Path(config.render.assets).name
     kinds = {"annotations": True, "videos": config.renderer != "none", "proposals": config.masks}
     kinds["questions"] = config.has_questions
@@ -278,7 +280,7 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
 
 
 def _make_videos(config: DatasetConfig, job: tuple[str, range], _: Path) -> None:
-    """Write all files of a job's videos; the ground truth comes last, so that an unfinished video never counts as done."""
+    """Write all files of a job's videos. The ground truth is last, so that an unfinished video never counts as done."""
     split, indices = job
     for index, (scene, more_truth) in zip(indices, config.made_together(indices[0]), strict=True):
         video = split, index
@@ -316,7 +318,7 @@ def _write_files(
 def _blender_frames(
     config: RenderConfig, scene: SimulatedScene, view: View, shown: Sequence[int]
 ) -> Iterator[NDArray[np.uint8]]:
-    """Those frames rendered by Blender."""
+    """Render the given frames with Blender."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frame.png"
         for f in shown:

@@ -1,4 +1,4 @@
-"""What the manifest of a generated data set says of its physics and its videos."""
+"""What the manifest of a generated data set says about its physics and its videos."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -38,7 +38,7 @@ def made_with(manifest: Mapping[str, Any], root: Path) -> tuple[BulletConfig, Re
         root: its folder.
 
     Raises:
-        DataError: options that are no such ones, or videos that show only some frames or have another frame rate.
+        DataError: the manifest has no valid options, or the videos show only some of the frames or have another frame rate.
     """
     where = f"{root / 'manifest.json'}: "
     config = convert(manifest, _Manifest, where).config
@@ -52,7 +52,7 @@ def made_with(manifest: Mapping[str, Any], root: Path) -> tuple[BulletConfig, Re
 
 
 def _known(kind: type[Config], values: Mapping[str, Any], where: str) -> Config:
-    """Settings from those values that are known: data sets of other versions have others."""
+    """Settings from the values with known names: other versions of nsdr wrote other names."""
     try:
         return config_of(kind, {f.name: values[f.name] for f in fields(kind) if f.name in values})
     except DataError as e:

@@ -1,4 +1,4 @@
-"""Pairs of videos, a lawful one and the same with one law of CLEVRER's world broken, with the truth and questions about it."""
+"""Pairs of videos, one lawful and one in which a single law of CLEVRER's world is broken, with their truth and questions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -27,24 +27,24 @@ from nsdr.types import LAWS
 from nsdr.validation import Share, one_of
 
 SCENES_PER_PAIR = 400
-"""Scenes tried for one pair: not every scene has an occasion to break every law. Of large sets fewer are tried, as the scenes
-of a seed end at `SCENES_PER_SEED`."""
+"""Most scenes that are tried for one pair, because not every scene gives an occasion to break every law. Large data sets try
+fewer: a seed has only `SCENES_PER_SEED` scenes."""
 PARTS = 4
-"""Parts of a video, of which a question asks."""
+"""Number of equal parts of a video; a question asks in which part something impossible begins."""
 
 
 @dataclass(frozen=True)
 class ViolationsConfig(DatasetConfig):
-    """Pairs of videos to generate: videos 2 k and 2 k + 1 of the split are a pair, the first one lawful.
+    """Pairs of videos to generate: videos 2 k and 2 k + 1 of the split are pair k, and the first of them is lawful.
 
-    Pair k breaks the k-th of all combinations of a law and a size, over and over.
+    Successive pairs go through all combinations of a law and a size, again and again.
 
     Attributes:
         videos: number of videos, two for each pair.
-        first_scene: number of the scene of the first pair; scenes without an occasion are passed over.
-        splits: one split alone.
-        laws: which are broken, of `nsdr.types.LAWS`.
-        sizes: how clearly, of "clear", "small" and "limit".
+        first_scene: number of the scene of the first pair. Scenes that give no occasion to break the law are skipped.
+        splits: a single split.
+        laws: laws to break, from `nsdr.types.LAWS`.
+        sizes: how clearly they are broken: "clear", "small" or "limit".
     """
 
     unit: ClassVar[str] = "pair"
@@ -65,11 +65,11 @@ class ViolationsConfig(DatasetConfig):
 
     @property
     def has_questions(self) -> bool:
-        """True: those about what is impossible."""
+        """Always true: the questions are about what is impossible."""
         return True
 
     def made(self, index: int) -> tuple[SimulatedScene, dict[str, Any]]:
-        """The scene of a video; that of every other one, with its `violation`, breaks a law."""
+        """The scene of a video. Every second one breaks a law, and its truth file says which (`violation`)."""
         return self.made_together(index)[self._place(index) % 2]
 
     def made_together(self, first: int) -> Sequence[tuple[SimulatedScene, dict[str, Any]]]:
@@ -88,19 +88,19 @@ class ViolationsConfig(DatasetConfig):
         raise DataError(f"pair {pair}: {tried} scenes gave no occasion to break {law} ({size}); another seed may")
 
     def _place(self, index: int) -> int:
-        """Of a video in its split."""
+        """Position of a video in its split."""
         return index - next(r.start for r in self.indices().values() if len(r))
 
 
 def generate_violations(config: ViolationsConfig, keep_going: bool = False) -> Path:
     """Generate pairs of videos and return their folder; finished videos are kept.
 
-    It is a data set like those of `generate_dataset`. `truth_N.json` of the second video of each pair has a `violation`
-    (`nsdr.types.Violation`), and the question file asks whether each video is possible, what in it is not, and when. Of the
-    test split, the answers are in `truth/questions_test.json` only.
+    The folder is a data set like those of `generate_dataset`. `truth_N.json` of the second video of each pair has a `violation`
+    (`nsdr.types.Violation`). The question file asks whether each video is possible, and what in it is impossible, and when.
+    The answers about the test split are only in `truth/questions_test.json`.
 
     Raises:
-        DataError: as in `generate_dataset`, or no scene gives an occasion.
+        DataError: see `generate_dataset`; or no scene gives an occasion to break a law.
     """
     root = generate_dataset(config, keep_going)
     for split, indices in config.indices().items():
@@ -113,7 +113,7 @@ def generate_violations(config: ViolationsConfig, keep_going: bool = False) -> P
 
 
 def _questions(truth: Mapping[str, Any]) -> SceneQuestions:
-    """Whether a video is possible, and what and when is not."""
+    """Questions about whether a video is possible, which objects do something impossible, and when."""
     index, violation = truth["scene_index"], truth.get("violation")
     answer = "yes" if violation is None else "no"
     questions = [

@@ -1,4 +1,4 @@
-"""Features of videos: the network that makes them, their extraction, and the files that hold them."""
+"""Features of videos: the networks that make them, their extraction, and the files that hold them."""
 
 VERSION = 4
 """Of the features of a video: raised when they change."""

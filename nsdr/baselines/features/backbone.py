@@ -16,13 +16,13 @@ from nsdr.errors import CheckpointError, machine_error
 from nsdr.frame_parser.parser import Detector
 
 FRAME_PARSER = "frame_parser"
-"""Stands for the frame parser's own backbone."""
+"""Name of the frame parser's own backbone."""
 CHANNELS = {"resnet18": (256, 512), "resnet50": (1024, 2048)}
-"""Channels of torchvision's networks after their third stage, which gives the maps, and after their last one."""
+"""Channels of torchvision's networks after their third stage, which gives the maps, and after their last stage."""
 STRIDE = 16
 """Stride of the third stage, and of the coarsest level of the frame parser's pyramid (pixels)."""
 PYRAMID_LEVELS = ("0", "1", "2")
-"""Levels of the pyramid that are read: strides 4, 8 and 16 px."""
+"""The levels of the pyramid that are used: strides of 4, 8 and 16 px."""
 IMAGE_MEAN, IMAGE_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Mean and standard deviation of the RGB channels with which torchvision's weights were trained (0-1)."""
 
@@ -31,8 +31,8 @@ class FeatureMaps(NamedTuple):
     """Feature maps of F frames, float32.
 
     Attributes:
-        levels: (F, C, h, w) of each level that is read.
-        last: (F, C, h, w) of the last stage, which the pooled features are means of; None where they are of the levels.
+        levels: (F, C, h, w) maps of each level.
+        last: (F, C, h, w) maps of the last stage, whose means are the pooled features; None if these are means of the levels.
     """
 
     levels: list[Tensor]
@@ -40,7 +40,7 @@ class FeatureMaps(NamedTuple):
 
 
 class ResnetBackbone:
-    """The last two stages of a ResNet that was trained on ImageNet.
+    """Maps of the last two stages of a ResNet trained on ImageNet.
 
     Args:
         name: one of `CHANNELS`. torchvision's weights are downloaded when first used.
@@ -67,7 +67,7 @@ class ResnetBackbone:
         self._end, self._size, self._precision, self._device = resnet.layer4, size, precision, device
 
     def __call__(self, frames: Sequence[NDArray[np.uint8]]) -> FeatureMaps:
-        """Frames (H, W, 3), RGB -> maps (F, C, H/16, W/16), and those of half that size; sizes rounded up."""
+        """RGB frames (H, W, 3) -> maps (F, C, H/16, W/16), and last maps of half that size; sizes are rounded up."""
         images = image_batch(frames, self._size).to(self._device)
         mixed = self._precision != torch.float32  # some devices have no autocast, even to be disabled
         with torch.autocast(self._device.type, self._precision) if mixed else nullcontext():
@@ -77,13 +77,13 @@ class ResnetBackbone:
 
 
 class FrameParserBackbone:
-    """The pyramid of the frame parser's backbone, which was trained to find objects and name their attributes.
+    """Maps of the frame parser's backbone, a feature pyramid that was trained to find objects and their attributes.
 
-    Differs from the paper, whose ResNet was trained on ImageNet. `python benchmarks/probe.py` says what linear layers read
-    from it.
+    Differs from the paper: its ResNet was trained on ImageNet. `python benchmarks/probe.py` measures what linear layers can
+    read from these maps.
 
     Args:
-        detector: of the frame parser.
+        detector: the frame parser's detector.
     """
 
     def __init__(self, detector: Detector) -> None:

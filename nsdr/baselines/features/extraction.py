@@ -1,4 +1,4 @@
-"""Extraction of features from videos, on many processes and resumable: `nsdr extract-features`."""
+"""Extraction of features from videos, resumable and in parallel: `nsdr extract-features`."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -47,7 +47,7 @@ from nsdr.types import VideoProposals
 from nsdr.validation import Count, PathName, Settings, one_of
 
 REGION_CELLS = 7
-"""Cells along each side of a region, of which the mean is taken."""
+"""Cells along each side of a region, over which the mean is taken."""
 REGION_SAMPLES = 2
 """Samples of the map per cell along each axis (`sampling_ratio` of RoIAlign)."""
 
@@ -77,7 +77,7 @@ class FeatureExtraction(_Extraction):
     device: str = "auto"
 
     def resolved(self, kept: FeatureCache | None) -> "FeatureExtraction":
-        """With a known device and precision: that of the folder's features, or else the device's best."""
+        """The same extraction with a known device, and the precision of the folder's features or else the device's best."""
         device, config = resolve_device(self.device), self.features
         if config.precision == "auto":
             best = str(resolve_precision("auto", device)).removeprefix("torch.")
@@ -110,7 +110,7 @@ class WordExtraction(_Extraction):
     features: WordConfig = field(default_factory=WordConfig)
 
     def resolved(self, kept: FeatureCache | None) -> "WordExtraction":
-        """Itself."""
+        """The extraction itself: it has neither device nor precision."""
         return self
 
     def inputs(self) -> dict[int, Path | VideoProposals]:

@@ -28,17 +28,17 @@ from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES
 KINDS = ("pooled", "maps", "objects")
 """Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
 MANIFEST = "features.json"
-"""File of a folder of features that says how they were made."""
+"""The file in a folder of features that says how they were made."""
 NAMES = ("detector",)
-"""Settings that name weights. Features depend on their content, of which the manifest has the fingerprint."""
+"""Settings that name weights. Features depend on the content of these weights, whose fingerprint is in the manifest."""
 BOX_NUMBERS = 4
-"""Numbers of an object's box after its features: left, top, right and bottom as shares of the image."""
+"""Numbers for an object's box, after its features: left, top, right and bottom as shares of the image."""
 WORD_CHANNELS = sum(map(len, ATTRIBUTES.values())) + BOX_NUMBERS
-"""Numbers of an object that is described by words: its attribute words, each 0 or 1, and its box."""
+"""Numbers for an object that is described by words: a 0 or 1 for each attribute word, and its box."""
 SOURCES = ("truth", "proposals")
 """Where objects that are described by words come from: annotations, or a frame parser's detections."""
 Objects = Annotated[int, Meta(ge=1, le=N_ATTRIBUTE_TRIPLES)]
-"""Objects of a video, which differ in their attributes."""
+"""Number of objects in a video; they all differ in their attributes."""
 Side = Annotated[int, Meta(ge=STRIDE, le=MAX_SIZE)]
 """Height or width of an image (pixels)."""
 
@@ -52,17 +52,17 @@ class FeatureConfig(Settings):
             the backbone of the detector.
         frames: number of frames, evenly spaced from the first to the last one.
         image_size: height and width to which frames are scaled (pixels); the frame parser's is 320 and 480.
-        grid: height and width to which the maps are pooled by means; None leaves them as they are. The frame parser's, of
-            several sizes, need it.
-        pooled_grid: height and width of a coarser grid, over whose cells the last maps are averaged for "pooled"; 1 and 1 are
-            pool5 of a ResNet.
+        grid: height and width to which the maps are average-pooled; None leaves them as they are. The frame parser's maps have
+            several sizes and need a grid.
+        pooled_grid: height and width of a coarser grid; "pooled" has the means of the last maps over its cells. With 1 and 1
+            these are pool5 of a ResNet.
         kinds: what is written: "pooled", "maps" (of a ResNet's third stage, or of the frame parser's pyramid) and "objects".
         detector: checkpoint of the frame parser that finds the objects.
-        max_objects: objects of a video; those that are seen in most frames.
+        max_objects: most objects in a video; those seen in most frames are kept.
         precision: number format of the backbone, "float32" or "bfloat16"; "auto" as in `nsdr.io.device`.
 
     Raises:
-        DataError: a value out of its range; names it.
+        DataError: a value is out of its range; names it.
     """
 
     backbone: Annotated[str, one_of((*CHANNELS, FRAME_PARSER))] = "resnet50"
@@ -84,16 +84,13 @@ class FeatureConfig(Settings):
         if self.grid is not None and (self.grid[0] > height or self.grid[1] > width):
             raise DataError(f"grid is {list(self.grid)}; expected at most the maps' {height} and {width}")
         of_parser = self.grid if self.backbone == FRAME_PARSER else None
-        height, width = of_parser or (
-            (height + 1) // 2,
-            (width + 1) // 2,
-        )  # a ResNet's last stage has half as many cells
+        height, width = of_parser or ((height + 1) // 2, (width + 1) // 2)  # a ResNet's last maps are half as large
         if self.pooled_grid[0] > height or self.pooled_grid[1] > width:
             raise DataError(f"pooled_grid is {list(self.pooled_grid)}; expected at most {height} and {width}")
 
     @property
     def map_size(self) -> tuple[int, int]:
-        """Height and width of the coarsest maps before they are pooled."""
+        """Height and width of the coarsest maps, before pooling."""
         height, width = (math.ceil(side / STRIDE) for side in self.image_size)
         return height, width
 
@@ -191,21 +188,21 @@ class WordConfig(Settings):
 
 
 def check_kinds(kinds: Collection[str]) -> None:
-    """Raises `DataError` unless these are some of `KINDS`, each once."""
+    """Raise `DataError` unless these are one or more of `KINDS`, each once."""
     if not kinds or len(set(kinds)) < len(kinds) or not set(kinds) <= set(KINDS):
         raise DataError(f"kinds is {list(kinds)}; expected one or more of {', '.join(KINDS)}, each once")
 
 
 def check_settings(found: Mapping[str, Any], wanted: Mapping[str, Any], needs: Collection[str], where: str) -> None:
-    """Refuse features that a network which learnt from others cannot read.
+    """Refuse features that a network cannot read because it learnt from features with other settings.
 
     Args:
         found, wanted: `features` of two manifests.
         needs: `Baseline.needs` of the network.
-        where: what the error begins with.
+        where: the start of the error message.
 
     Raises:
-        DataError: names how they differ.
+        DataError: the settings differ; names how.
     """
     idle = ["from", "kinds", "precision", *([] if "objects" in needs else ["max_objects"])]
     if "objects" not in needs and wanted.get("backbone") != FRAME_PARSER:
@@ -226,7 +223,7 @@ def _plain(values: dict[str, Any], config: FeatureConfig | WordConfig) -> dict[s
 
 
 def feature_file(folder: Path, scene_index: int) -> Path:
-    """The file with the features of a video, by kind."""
+    """The file with a video's features."""
     return folder / f"{scene_index:05d}.safetensors"
 
 
@@ -238,16 +235,16 @@ class Features(Protocol):
 
         Args:
             scene_index: the video.
-            needs: kinds of features; others, such as "program", are passed over.
+            needs: kinds of features; other names, such as "program", are ignored.
 
         Returns:
-            By kind float32 arrays of the shapes in `nsdr.baselines.base.Batch`, without the axis of the videos; with "objects"
-            also `has_object`, (F, N) bool.
+            By kind, float32 arrays of the shapes in `nsdr.baselines.base.Batch` without the axis of the videos. With "objects"
+            there is also `has_object`, (F, N) bool.
         """
 
 
 def as_inputs(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """What `Features.get` returns, of features as `nsdr extract-features` stores them."""
+    """What `Features.get` returns, from features as `nsdr extract-features` stores them."""
     found: dict[str, NDArray[Any]] = {kind: value.astype(np.float32) for kind, value in stored.items()}
     if "objects" in found:
         left, _, right, _ = np.moveaxis(found["objects"][..., -BOX_NUMBERS:], -1, 0)
@@ -258,15 +255,15 @@ def as_inputs(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 class FeatureCache:
     """The features of videos that `nsdr extract-features` wrote to a folder.
 
-    Files are mapped into memory, so that processes that read the same ones share them.
+    Files are mapped into memory, so processes that read the same file share it.
 
     Args:
         folder: the folder.
-        needs: what is read of it: `Baseline.needs`, of which "program" is passed over; None for all that it has.
+        needs: which kinds are read: `Baseline.needs`, whose "program" is ignored; None for all kinds in the folder.
 
     Attributes:
-        channels: C of the feature vectors and maps that are read; 0 for none.
-        grid: height and width of the maps that are read; (0, 0) for none.
+        channels: C of the feature vectors and maps that are read; 0 if none are.
+        grid: height and width of the maps that are read; (0, 0) if none are.
 
     Raises:
         DataError: the folder has no features or lacks a kind, or kinds that are read differ in their channels.
@@ -297,10 +294,10 @@ class FeatureCache:
         self.grid: tuple[int, int] = self._shapes["maps"][2:] if "maps" in read else (0, 0)
 
     def check(self, config: FeatureConfig | WordConfig) -> None:
-        """Refuse features of other settings.
+        """Refuse settings that differ from those of the folder's features.
 
         Raises:
-            DataError: they differ from the folder's; names how.
+            DataError: they differ; names how.
         """
         expected = config.manifest()
         different = _differences(self.manifest["features"], expected["features"])

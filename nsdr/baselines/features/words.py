@@ -1,6 +1,6 @@
-"""Features made of the objects' words and boxes in place of pixels: true ones, or those that a frame parser found.
+"""Features made of words and boxes of objects instead of pixels: true ones, or those that a frame parser found.
 
-With true ones, learning to reason is measured apart from perception; what learnt from these reads found ones, too.
+True words and boxes separate learning to reason from perception. Networks that learnt from them also read found ones.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,11 +22,11 @@ WORDS = np.array(
     [[word in attributes_of(i) for known in ATTRIBUTES.values() for word in known] for i in range(N_ATTRIBUTE_TRIPLES)],
     np.float64,
 )
-"""(48, 13) the words of each attribute index, as 0 or 1."""
+"""(48, 13) which words each attribute index stands for, as 0 or 1."""
 
 
 def truth_features(annotation: dict[str, Any], config: WordConfig) -> dict[str, Array]:
-    """The features of a video by its true motion.
+    """The features of a video from its true motion.
 
     Args:
         annotation: content of its annotation file.
@@ -37,9 +37,9 @@ def truth_features(annotation: dict[str, Any], config: WordConfig) -> dict[str, 
 
         - "objects": attribute words as 0 or 1, and the box. An object has the same place in all frames, and is zeros where it
           cannot be seen;
-        - "maps": of the object that covers most of a cell, the same with the box relative to the cell and in cells, times the
-          share of the cell that it covers;
-        - "pooled": the means of the maps over the cells of the coarser grid, in one vector.
+        - "maps": for each cell, words and box of the object that covers most of it, times the share of the cell that the
+          object covers; the box is relative to the cell, in units of cells;
+        - "pooled": the means of the maps over the cells of the coarser grid, as one vector.
     """
     motion = annotation["motion_trajectory"]
     frames = [{row["object_id"]: row for row in motion[i]["objects"]} for i in spaced(len(motion), config.frames)]
@@ -54,14 +54,14 @@ def truth_features(annotation: dict[str, Any], config: WordConfig) -> dict[str, 
 
 
 def detected_features(proposals: VideoProposals, config: WordConfig) -> dict[str, Array]:
-    """The features of a video by what a frame parser found in it.
+    """The features of a video from what a frame parser found in it.
 
     Args:
         proposals: its detections; frames are chosen among the processed ones.
         config: the settings.
 
     Returns:
-        As in `truth_features`. Objects are those of `linked_boxes`: their boxes are of what can be seen of them.
+        See `truth_features`. Objects come from `linked_boxes`, and their boxes bound what is visible of them.
     """
     frames = np.arange(proposals.n_frames) if proposals.processed is None else proposals.processed
     attribute, boxes = linked_boxes(proposals, config.max_objects)
@@ -73,17 +73,17 @@ def detected_features(proposals: VideoProposals, config: WordConfig) -> dict[str
 def linked_boxes(proposals: VideoProposals, max_objects: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Attribute indices (N,) of a video's objects, and their boxes (F, N, 4) as shares of the image, zeros where not seen.
 
-    An object keeps its place. CLEVRER's objects differ in their attributes, so detections with the same attributes are of one
-    object. Those that are seen in most frames come first; where there are more than N, the others are left out.
+    An object has the same place in all frames. CLEVRER's objects differ in their attributes, so detections with the same
+    attributes show one object. Scores up to the tracker's threshold do not count. The N objects that are seen in most frames
+    are kept, and the one seen in most frames comes first.
     """
     p = proposals
     found = np.flatnonzero((p.score > TrackerConfig.score) & (p.area_px > 0))
     found = found[np.argsort(p.score[found], kind="stable")]
     seen = np.zeros((N_ATTRIBUTE_TRIPLES, p.n_frames, BOX_NUMBERS), np.float32)
     sides = np.array([WIDTH_PX, HEIGHT_PX, WIDTH_PX, HEIGHT_PX], np.float32)
-    seen[p.attribute[found], p.frame_index[found]] = (
-        p.box_xyxy_px[found] / sides
-    )  # of two in a frame the last, the best, stays
+    # The scores ascend, so the best of two detections in a frame is written last and stays.
+    seen[p.attribute[found], p.frame_index[found]] = p.box_xyxy_px[found] / sides
     order = np.argsort(-seen.any(2).sum(1), kind="stable")[:max_objects]
     return order, np.ascontiguousarray(seen[order].swapaxes(0, 1))
 
@@ -98,7 +98,7 @@ def _features(objects: Array, config: WordConfig) -> dict[str, Array]:
 
 
 def recolored(features: Mapping[str, Array], colors: Sequence[int]) -> dict[str, Array]:
-    """Features of the words and boxes of the same video with other colours.
+    """The same features of words and boxes with other colours.
 
     Args:
         features: by kind, of the shapes in `nsdr.baselines.base.Batch` without the axis of the videos.

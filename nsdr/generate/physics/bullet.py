@@ -28,7 +28,7 @@ from nsdr.world.physics_constants import (
 from nsdr.world.shapes import hull_vertices
 
 NEAR_WORLD = 6 * OBJECT_RADIUS_WORLD
-"""Objects whose centres are farther apart than this when a frame starts are not checked for contacts in that frame."""
+"""Two objects whose centres are farther apart than this at the start of a frame are not checked for contact in that frame."""
 GROUND_HALF_EXTENTS_WORLD = (GROUND_HALF_WIDTH_WORLD, GROUND_HALF_WIDTH_WORLD, 5.0)
 """Half-size of the box whose top face is the ground."""
 GROUND_BOX_FRICTION = 1.0
@@ -65,7 +65,7 @@ class Body:
         velocity: (x, y, z) (world units/s).
         angular_velocity: (x, y, z) (rad/s).
         mass: relative mass; only ratios matter.
-        friction: friction coefficient on the ground; None for that of the shape.
+        friction: friction coefficient on the ground; None for the usual one of the shape.
     """
 
     shape: str
@@ -102,7 +102,7 @@ class BulletMotion:
         velocity: linear velocities (world units/s).
         angular_velocity: angular velocities (rad/s).
         contacts: collisions in order of time.
-        complete: False when the simulation was stopped early; the remaining frames are zero.
+        complete: False if the simulation was stopped early; then the remaining frames are zero.
     """
 
     location_world: FloatArray
@@ -113,7 +113,7 @@ class BulletMotion:
     complete: bool = True
 
     def body(self, i: int, frame: int, shape: str, mass: float) -> Body:
-        """Body i as it is in a frame, with its shape and mass."""
+        """The state of body i in a frame. Shape and mass are given, because a motion does not hold them."""
         states = (self.location_world, self.orientation, self.velocity, self.angular_velocity)
         location, orientation, velocity, spin = (tuple(state[i, frame].tolist()) for state in states)
         return Body(shape, location, orientation, velocity, spin, mass)
@@ -155,7 +155,7 @@ class Simulator:
         Args:
             bodies: start states, recorded as frame 0.
             n_frames: frames to record.
-            stop: called with all contacts so far whenever there is a new one; the simulation stops when it returns True.
+            stop: called with all contacts so far whenever a new one begins; the simulation stops if it returns True.
             passing: two bodies that pass through each other.
         """
         p, client = self._bullet, self._client
@@ -189,7 +189,7 @@ class Simulator:
         return BulletMotion(*recorded, tuple(contacts))
 
     def _touch(self, a: int, b: int) -> tuple[float, float, float] | None:
-        """Point at which two bodies press on each other after the last step; None when they do not."""
+        """Point at which two bodies press on each other after the last step; None if they do not."""
         for point in self._bullet.getContactPoints(a, b, physicsClientId=self._client):
             if point[NORMAL_FORCE_FIELD] > 0:
                 return tuple(point[POINT_ON_A_FIELD])

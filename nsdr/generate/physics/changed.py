@@ -1,4 +1,4 @@
-"""What really happens in a generated video if one object is different: Bullet simulates the truth file's states again."""
+"""What really happens in a generated video if one object is changed: Bullet starts again from the states in the truth file."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,10 +14,10 @@ from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 
 
 class TruthWorlds:
-    """The collisions of a generated video with an object changed; a `nsdr.symbolic.quantities.Simulate`.
+    """The collisions in a generated video after one object is changed; implements `nsdr.symbolic.quantities.Simulate`.
 
-    States in truth files are rounded. So the video is simulated again as it is, too, and where that differs from the truth,
-    nothing is said.
+    States in truth files are rounded. Therefore the unchanged video is simulated again, too; if that does not give its true
+    collisions, the effect of a change is not known either.
 
     Args:
         truth: content of a truth file, of a scene with CLEVRER's physics.

@@ -1,4 +1,4 @@
-"""States of a truth file's objects, exact or with errors, from which Bullet goes on."""
+"""States of the objects in a truth file, exact or with errors, as start states for Bullet."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from nsdr.generate.physics.bullet import Body
 
 VELOCITY_ERROR_PER_S, YAW_ERROR_PER_WORLD, LOG_MASS_ERROR_PER_WORLD = 1.5, 40.0, 25.0
-"""Errors of velocities (world units/s), yaws (radians) and log masses, of one of 1 world unit in positions: about the ratios of
-the errors of the fitted simulator, which `benchmarks/precision.py` prints, and of `PhysicsConfig`'s yaws."""
+"""Errors of velocities (world units/s), yaws (radians) and log masses that go with an error of 1 world unit in positions. Their
+ratios are about those of the errors of the fitted simulator (`benchmarks/precision.py` prints them), and of yaws in
+`PhysicsConfig`."""
 
 
 def states_at(truth: Mapping[str, Any], frame: int) -> NDArray[np.float64]:
@@ -30,7 +31,7 @@ def states_at(truth: Mapping[str, Any], frame: int) -> NDArray[np.float64]:
 
 
 def disturbed(states: NDArray[np.float64], error_world: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """States (n, 13) that are off by normal errors; what rests is known to rest.
+    """States (n, 13) with normally distributed errors. Objects at rest stay at rest.
 
     Args:
         states: see `states_at`.

@@ -1,4 +1,4 @@
-"""Where in a scene a law can be broken so that it shows, and how the scene goes on with a change."""
+"""Where in a scene a law can be broken visibly, and how the scene goes on after a change."""
 
 import random
 from collections.abc import Sequence
@@ -17,28 +17,28 @@ from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 
 CALM_FRAMES = 12
-"""Frames on both sides of a change in which its objects are fully in view and touch nothing."""
+"""Number of frames before and after a change in which the changed objects are fully in view and touch nothing."""
 SEEN_SHARE = 0.5
-"""Least share of the frames around a collision in which each of its objects is not hidden, not even in part."""
+"""Least share of the frames around a collision in which no part of either object is hidden."""
 SPACE_WORLD = 3.2 * OBJECT_RADIUS_WORLD
-"""Least distance of the centres of an object that jumps or turns up from all others (world units)."""
+"""Least distance between the centre of an object that jumps or appears and the centres of all others (world units)."""
 AWAY_WORLD = (60.0, 0.0, OBJECT_RADIUS_WORLD)
-"""Where objects are that are not there: behind the camera."""
+"""Where absent objects are put: behind the camera."""
 STATES = ("location_world", "orientation", "velocity", "angular_velocity")
 """The arrays of a `BulletMotion`."""
 
 
 @dataclass
 class LawfulScene:
-    """A lawful scene, what is seen of it, and how it goes on with a change.
+    """A lawful scene, what is visible in it, and how it goes on after a change.
 
     Attributes:
         scene: the scene, with CLEVRER's physics.
         simulator: runs it on after a change.
         rng: makes the random choices.
         whole: (n, F) bool, whether an object is in the image and not cut off by its border.
-        unhidden: (n, F) bool, whether it is in the image and hidden by nothing.
-        clear: (n, F) bool, whether it is unhidden and touches nothing in the frames around.
+        unhidden: (n, F) bool, whether it is in the image and nothing hides it.
+        clear: (n, F) bool, whether nothing hides it and it touches nothing in the neighbouring frames.
     """
 
     scene: SimulatedScene
@@ -63,8 +63,8 @@ class LawfulScene:
                 self.clear[i, start : contact.frame + CALM_FRAMES // 2] = False
 
     def moments(self, frames: int = CALM_FRAMES, speed: float = 0.0) -> list[tuple[int, int]]:
-        """(object, frame) at which an object that is faster than `speed` is in clear view and calm, and stays so for `frames`,
-        in random order."""
+        """Pairs (object, frame), in random order: the object is at least as fast as `speed`, in clear view and touches nothing,
+        and the latter two stay so for `frames` frames."""
         fast = np.linalg.norm(self.scene.motion.velocity[..., :2], axis=-1) >= speed
         found = [
             (o.id, f)
@@ -76,7 +76,7 @@ class LawfulScene:
         return found
 
     def collisions(self) -> list[Contact]:
-        """Collisions of objects that are well seen and touch nothing else for some frames, in random order."""
+        """Collisions, in random order, of objects that are well visible and touch nothing else in the frames around."""
         n_frames, contacts, found = self.scene.n_frames, self.scene.motion.contacts, []
         for c in contacts:
             start, end = c.frame - CALM_FRAMES, c.frame + CALM_FRAMES
@@ -97,11 +97,11 @@ class LawfulScene:
     def resumed(
         self, frame: int, changed: dict[int, Body | None], passing: tuple[int, int] | None = None
     ) -> SimulatedScene:
-        """The scene as it goes on when objects are in other states (or not there) from a frame on.
+        """The scene as it goes on if some objects have other states, or are removed, from a frame on.
 
         Args:
             frame: of the change.
-            changed: states in that frame, by object id.
+            changed: the new states in that frame, by object id; None removes the object.
             passing: two objects that pass through each other.
         """
         motion, total = self.scene.motion, self.scene.motion.location_world.shape[1]
@@ -123,7 +123,7 @@ class LawfulScene:
         return without(replace(self.scene, motion=changed_motion, counterfactual={}), gone, slice(frame, None))
 
     def is_calm(self, scene: SimulatedScene, objects: Sequence[int], frame: int) -> bool:
-        """Whether objects are in the image and touch nothing new in the frames after a change."""
+        """Whether objects stay in the image and touch nothing new in the frames after a change."""
         last, motion = frame + CALM_FRAMES, scene.motion
         for i in objects:
             if any(i in c.bodies and frame <= c.frame <= last for c in motion.contacts):
@@ -140,12 +140,12 @@ class LawfulScene:
         return bool((np.linalg.norm(others - np.array([x, y]), axis=1) > SPACE_WORLD).all())
 
     def violation(self, law: str, objects: Sequence[int], start: int, end: int, amount: float, unit: str) -> Violation:
-        """What is broken, with the frames of the video."""
+        """The record of a broken law; its frames end with the video."""
         return Violation(law, tuple(objects), start, min(end, self.scene.n_frames), round(float(amount), 4), unit)
 
 
 def without(scene: SimulatedScene, objects: Sequence[int], frames: slice | BoolArray) -> SimulatedScene:
-    """The scene with objects behind the camera in some frames: a slice, or (T,) bool."""
+    """The scene with objects moved behind the camera in the given frames: a slice, or (T,) bool."""
     location = scene.motion.location_world.copy()
     location[list(objects), frames] = AWAY_WORLD
     return replace(scene, motion=replace(scene.motion, location_world=location))

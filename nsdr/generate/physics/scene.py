@@ -22,14 +22,14 @@ from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import LINEAR_DAMPING, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
 STATIC_FRACTION = (0.0, 0.6, 0.35, 0.35)
-"""Probability of each participant to start at rest (0 for the first one, which moves)."""
+"""Probability that each participant starts at rest (0 for the first one, which moves)."""
 PARTNER_WEIGHTS = (1.0, 1.1, 0.5)
 """Relative probability of each participant to be hit by a later one."""
 LATE_FRACTION = (0.0, 0.0, 0.55, 0.9)
-"""Probability of each moving participant to have its planned collision after the video. The last value of these three holds
-for all further participants."""
+"""Probability that the planned collision of each moving participant is after the end of the video. In all three tuples, the
+last value also holds for later participants."""
 EXTRA_FRACTION = 0.3
-"""Probability that an object may cause more collisions than its planned one."""
+"""Probability that an object is allowed to cause further collisions besides the planned one."""
 FIRST_MEETING_FRAME = (30.0, 15.0)
 """Mean and standard deviation of the frame at which the first two objects collide."""
 RESTING_DELAY_FRAMES = 36.0
@@ -38,15 +38,16 @@ Moving participants collide at any later frame."""
 FIRST_DISTANCE_WORLD = (3.15, 3.91)
 """Min and max distance of the first object from the origin."""
 FIRST_HEADING_DEGREES, HEADING_DEGREES = 28.0, 15.0
-"""Max angle between heading and direction to the origin, of the first object and of later ones that start as far out."""
+"""Max angle between an object's heading and the direction to the origin: for the first object, and for later ones that start as
+far out."""
 FAR_WORLD = 10.5
 """Max distance from the origin at which an object starts."""
 AREA_WORLD = (-2.25, 1.15, -1.6, 1.5)
 """Min x, max x, min y, max y of planned collisions and of objects at rest."""
 TOUCHING_WORLD = 2.02 * OBJECT_RADIUS_WORLD
-"""Distance of the centres at which a planned collision starts."""
+"""Distance between the centres at which a planned collision starts."""
 MIN_START_DISTANCE_WORLD = 0.83
-"""Min distance of two objects at frame 0 in the release."""
+"""Min distance between two objects at frame 0 in the release."""
 PATH_OFFSET_WORLD = 0.14
 """Standard deviation of the distance between an object at rest and the path of the object that hits it."""
 MAX_PATH_OFFSET_WORLD = 0.37
@@ -93,7 +94,7 @@ def simulate_scene(seed: int, config: SceneConfig | None = None, removals: bool 
     Args:
         seed: 0 or more.
         config: what scenes look like; None is CLEVRER.
-        removals: simulate it without each object, too, which takes as long again.
+        removals: whether to simulate the scene without each of its objects, too, which doubles the time.
 
     Raises:
         DataError: a negative seed, no scene fits the configuration, or PyBullet is not installed.
@@ -117,12 +118,12 @@ def simulate_scene(seed: int, config: SceneConfig | None = None, removals: bool 
 
 
 def scene_without(scene: SimulatedScene, removed: int, config: SceneConfig | None = None) -> SimulatedScene:
-    """What happens from the same start states without an object. The others keep their order; their ids count from 0.
+    """The scene from the same start states without one object. The others keep their order, with ids from 0.
 
     Args:
         scene: a simulated scene.
         removed: id of the object.
-        config: that of the scene; None is CLEVRER.
+        config: the scene's configuration; None is CLEVRER.
     """
     config, motion = config or SceneConfig(), scene.motion
     kept = [o for o in scene.objects if o.id != removed]
@@ -134,8 +135,10 @@ def scene_without(scene: SimulatedScene, removed: int, config: SceneConfig | Non
 
 
 def removals_by_effect(scene: SimulatedScene) -> list[int]:
-    """Ids of all objects: those first without which most pairs of others collide that did not, or no longer do; among equals
-    those that collide most."""
+    """Ids of all objects, sorted by how many pairs of other objects collide only with or only without the object, most first.
+
+    Of objects that are equal in this, the one that itself collides with more others comes first.
+    """
     pairs = {c.bodies for c in scene.motion.contacts}
 
     def effect(i: int) -> tuple[int, int]:
@@ -158,7 +161,7 @@ def _with_removals(
 
 
 def _without(removed: int, bodies: Sequence[Body], config: SceneConfig, simulator: Simulator) -> tuple[Contact, ...]:
-    """First collision of each pair when one object is removed."""
+    """The first collision of each pair if one object is removed."""
     kept = [i for i in range(len(bodies)) if i != removed]
     motion = simulator.run([bodies[i] for i in kept], config.simulated_frames)
     found: dict[tuple[int, int], Contact] = {}
@@ -182,7 +185,7 @@ class _Construction:
         self.motion: BulletMotion | None = None
 
     def build(self) -> tuple[list[Triple], list[Body], BulletMotion] | None:
-        """Attributes, start states and motion; None when the attempt failed."""
+        """Attributes, start states and motion; None if the attempt failed."""
         if not self._add(self._first(), meets=True):
             return None
         participants = min(self.config.participants, self.n)
@@ -217,7 +220,7 @@ class _Construction:
         return self._body(0, distance * math.cos(angle), distance * math.sin(angle), angle + math.pi + deviation, speed)
 
     def _participant(self, k: int) -> bool:
-        """Add an object that collides at a frame drawn for it; False when none of the tried start states fits."""
+        """Add an object that collides at a random frame; False if none of the start states that are tried fits."""
         resting = self.rng.random() < _of_participant(STATIC_FRACTION, k)
         frame = self._meeting_frame(k, resting)
         if not MIN_MEETING_FRAME <= frame < self.config.simulated_frames:
@@ -226,7 +229,7 @@ class _Construction:
         return any(step(k, frame) for _ in range(TRIES_PER_FRAME))
 
     def _meeting_frame(self, k: int, resting: bool) -> int:
-        """Frame at which the k-th participant is planned to collide."""
+        """The frame at which participant k is planned to collide."""
         if k == 1:
             return round(self.rng.gauss(*FIRST_MEETING_FRAME))
         assert self.motion is not None
@@ -239,7 +242,7 @@ class _Construction:
         return self.rng.randrange(low, high) if low < high else high
 
     def _partner(self) -> int:
-        """Index of the object that a new participant is planned to collide with."""
+        """Index of the object with which a new participant is planned to collide."""
         numbers = range(len(self.bodies))
         return self.rng.choices(numbers, [_of_participant(PARTNER_WEIGHTS, j) for j in numbers])[0]
 
@@ -259,7 +262,7 @@ class _Construction:
         return _in_area(x, y) and self._add(self._body(k, x, y, 0.0, 0.0), meets=True)
 
     def _moving_participant(self, k: int, frame: int) -> bool:
-        """Add an object that starts farther away and hits another one centrally at a frame."""
+        """Add an object that starts farther away and hits another one centrally at the given frame."""
         assert self.motion is not None
         j = self._partner()
         (x, y), (vx, vy) = self.motion.location_world[j, frame, :2], self.motion.velocity[j, frame, :2]

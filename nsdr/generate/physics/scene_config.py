@@ -33,9 +33,9 @@ class SceneConfig(Settings):
         shapes: allowed words.
         colors: allowed words.
         materials: allowed words.
-        held_out: combinations "color material shape", or parts of one such as "red cube", that never occur.
-        only: when given, at least one object of each scene matches one of these combinations or parts; the complement of
-            `held_out` for compositional splits.
+        held_out: combinations of words, such as "red metal cube" or "red cube", that no object matches.
+        only: combinations of words; unless empty, at least one object of each scene matches one of them. It complements
+            `held_out` in compositional splits.
         speed: min and max initial speed of moving objects (world units/s).
         mass: min and max mass (relative).
         n_frames: frames of the video; 7/5 as many are simulated.

@@ -1,6 +1,6 @@
 """Scenes that break exactly one law of CLEVRER's world, made from lawful ones.
 
-A scene is changed at one frame, and Bullet simulates on from there: but for the one change, everything is lawful.
+A scene is changed at one frame, and Bullet goes on from there: apart from that one change, everything is lawful.
 """
 
 import math
@@ -19,7 +19,7 @@ from nsdr.world.physics_constants import FRAME_SECONDS, GROUND_FRICTION, OBJECT_
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES, differing_words
 
 SIZES = ("clear", "small", "limit")
-"""How easily a violation is seen; the last ones are at the limit of what positions known to 0.003 world units show."""
+"""How easily a violation is seen, from easy to hard. "limit" is the limit of what positions known to 0.003 world units show."""
 AMOUNTS = {
     "permanence": (math.inf, 16, 6),
     "identity": (math.inf, 40, 10),
@@ -32,17 +32,26 @@ AMOUNTS = {
     "arrow": (2, 1, 0),
     "standstill": (15, 8, 5),
 }
-"""By law, for `SIZES`: frames that an object is missing; frames that it has other words (all three, or its colour); how far it
-jumps (world units); change of its velocity (world units/s); further deceleration (world units/s²); least distance of centres
-while one object passes through another (world units, at most); restitution, but in half of the clear ones one of the two does
-not react at all; gap at which two objects repel (world units); collisions well seen in the video, which is played backwards;
-frames that show the same."""
+"""By law, for each of `SIZES`:
+
+- permanence: number of frames in which an object is missing
+- identity: number of frames in which it has other attributes (all three if clear, else its colour)
+- continuity: how far it jumps (world units)
+- inertia: change of its velocity (world units/s)
+- friction: additional deceleration (world units/s²)
+- solidity: largest value of the least distance between two centres while one object passes through the other (world units)
+- reaction: restitution; in half of the clear cases, one of the two objects does not react at all instead
+- distance: gap at which two objects repel each other (world units)
+- arrow: number of well visible collisions in the video, which is played backwards
+- standstill: number of identical frames"""
 SLIDING_FRAMES = 40
-"""The same after a change of friction, which takes time to show."""
+"""Frames after a change of friction in which the object is in clear view and touches nothing: friction takes time to show."""
 MOVING_SPEED = 0.5
-"""Least speed of objects whose friction, or motion while unseen, is to be judged (world units/s)."""
+"""Least speed of objects that are missing for a time or stand still; objects whose friction changes are at least twice as fast
+(world units/s)."""
 MIN_CLOSING_SPEED, MIN_RESTITUTION = 0.5, 0.4
-"""Of collisions whose effect is changed: least speed of approach (world units/s), and share of it with which they part."""
+"""Least speed of approach in collisions whose effect is changed (world units/s), and least share of it with which the objects
+part."""
 BEFORE, AFTER = 2, 3
 """Frames before and after a collision at which velocities are those before and after it."""
 
@@ -51,10 +60,10 @@ BrokenScene = tuple[SimulatedScene, Violation]
 
 
 def break_law(scene: SimulatedScene, law: str, size: str, seed: int) -> BrokenScene | None:
-    """The scene with a law broken once, and what was done; None where this scene gives no occasion.
+    """The scene with a law broken once, and what was done; None if the scene gives no occasion.
 
-    An object whose words change is two objects, of which the second takes the first one's place. Objects that are not there are
-    behind the camera.
+    An object whose attributes change is represented by two objects, of which the second takes the place of the first. Absent
+    objects are behind the camera.
 
     Args:
         scene: a lawful scene with CLEVRER's physics.
@@ -72,7 +81,7 @@ def _turned(x: float, y: float, angle: float, length: float) -> tuple[float, flo
 
 
 def _permanence(lawful: LawfulScene, frames: float, size: int) -> BrokenScene | None:
-    """Not there: from a frame on, up to a frame, or for some frames."""
+    """An object vanishes, appears out of nothing, or is missing for some frames."""
     for i, f in lawful.moments(CALM_FRAMES + (0 if math.isinf(frames) else int(frames)), MOVING_SPEED * (size > 0)):
         if math.isinf(frames) and lawful.rng.random() < 0.5:
             if any(i in c.bodies and c.frame <= f for c in lawful.scene.motion.contacts):
@@ -89,7 +98,7 @@ def _permanence(lawful: LawfulScene, frames: float, size: int) -> BrokenScene | 
 
 
 def _identity(lawful: LawfulScene, frames: float, size: int) -> BrokenScene | None:
-    """Another object in its place: with other words altogether, or another colour."""
+    """Another object takes an object's place: with other attributes altogether, or another colour."""
     scene, rng = lawful.scene, lawful.rng
     names = {o.name for o in scene.objects}
     for i, f in lawful.moments(CALM_FRAMES + (0 if math.isinf(frames) else int(frames))):
@@ -132,7 +141,7 @@ def _renamed(contact: Contact, old: int, new: int) -> Contact:
 
 
 def _continuity(lawful: LawfulScene, length: float, _: int) -> BrokenScene | None:
-    """Shifted in any direction."""
+    """An object jumps in a random direction."""
     for i, f in lawful.moments():
         body = lawful.body(i, f)
         x, y = _turned(*body.location_world[:2], lawful.rng.uniform(0, 2 * math.pi), length)
@@ -144,7 +153,7 @@ def _continuity(lawful: LawfulScene, length: float, _: int) -> BrokenScene | Non
 
 
 def _inertia(lawful: LawfulScene, change: float, _: int) -> BrokenScene | None:
-    """Another velocity."""
+    """An object's velocity changes in a random direction."""
     for i, f in lawful.moments():
         body = lawful.body(i, f)
         vx, vy = _turned(*body.velocity[:2], lawful.rng.uniform(0, 2 * math.pi), change)
@@ -155,7 +164,7 @@ def _inertia(lawful: LawfulScene, change: float, _: int) -> BrokenScene | None:
 
 
 def _friction(lawful: LawfulScene, deceleration: float, _: int) -> BrokenScene | None:
-    """More friction on the ground."""
+    """The ground brakes an object more than it can."""
     gravity = lawful.simulator.config.gravity
     for i, f in lawful.moments(SLIDING_FRAMES, 2 * MOVING_SPEED):
         body = lawful.body(i, f)
@@ -187,7 +196,7 @@ def _solidity(lawful: LawfulScene, distance: float, size: int) -> BrokenScene | 
 
 
 def _reaction(lawful: LawfulScene, restitution: float, size: int) -> BrokenScene | None:
-    """Two objects rebound more than they can; or one of them as from a wall, while the other stays as it was."""
+    """Two objects rebound faster than they can; or one rebounds as if from a wall, while the other moves on unchanged."""
     for c in lawful.collisions():
         f, first = c.frame + 1, c.frame - 1
         before, now, after = ([lawful.body(i, at) for i in c.bodies] for at in (first, f, c.frame + AFTER))
@@ -224,7 +233,7 @@ def _reaction(lawful: LawfulScene, restitution: float, size: int) -> BrokenScene
 
 
 def _distance(lawful: LawfulScene, gap: float, _: int) -> BrokenScene | None:
-    """Two objects repel each other as in their collision, before they touch."""
+    """Two objects repel each other as in a collision, but before they touch."""
     motion = lawful.scene.motion
     for c in lawful.collisions():
         i, j = c.bodies
@@ -245,7 +254,7 @@ def _distance(lawful: LawfulScene, gap: float, _: int) -> BrokenScene | None:
 
 
 def _arrow(lawful: LawfulScene, number: float, size: int) -> BrokenScene | None:
-    """The video backwards."""
+    """The video is played backwards."""
     scene, n_frames, seen = lawful.scene, lawful.scene.n_frames, len(lawful.collisions())
     if seen < number or (size and seen > number):
         return None
@@ -258,7 +267,7 @@ def _arrow(lawful: LawfulScene, number: float, size: int) -> BrokenScene | None:
 
 
 def _standstill(lawful: LawfulScene, frames: float, _: int) -> BrokenScene | None:
-    """The same picture for some frames while an object should move."""
+    """The picture stands still for some frames, although an object should move."""
     scene, total = lawful.scene, lawful.scene.motion.location_world.shape[1]
     more = int(frames) - 1
     for _i, f in lawful.moments(CALM_FRAMES, MOVING_SPEED):

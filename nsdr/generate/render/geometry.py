@@ -29,11 +29,11 @@ shapes have rounded edges there; the outlines stay those of the exact masks."""
 BOUND_WORLD = 1.75 * R
 """Radius of a sphere around every shape; a cube's corner is at sqrt(3) R."""
 MIN_DISTANCE = 1e-9
-"""Hits nearer to a ray's start are not counted (multiples of the direction's length)."""
+"""Hits nearer to the start of a ray do not count (multiples of the direction's length)."""
 SHADOW_DEPTH = 0.93
-"""Share of a lamp's light that a solid takes from what is behind it; solids return the rest to what is around them."""
+"""Share of a lamp's light that a solid blocks. The rest stands for the light that it reflects to its surroundings."""
 LAMP_SIDE_POINTS = 4
-"""Points along each side of a lamp that soft shadows are averaged over."""
+"""Points along each side of a lamp over which soft shadows are averaged."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,13 @@ def solids_of(solids: Sequence[Solid]) -> NDArray[np.float64]:
 
 
 def eye_of(camera: Camera) -> NDArray[np.float64]:
-    """(5, 3) a camera for compiled functions: its place, its axes, and focal length and image centre (pixels)."""
+    """(5, 3) a camera for compiled functions: its position, its three axes, and its focal length and image centre (pixels)."""
     return np.array([camera.eye_world, *camera.axes, (camera.focal_px, camera.width / 2, camera.height / 2)])
 
 
 @inlined_njit
 def three(array, i, start):  # type: ignore[no-untyped-def]
-    """Numbers of row `i` from column `start` on, as a tuple: a view of the array costs more than the arithmetic."""
+    """Three numbers of row `i`, from column `start` on. A tuple, because a view of the array costs more than the arithmetic."""
     return array[i, start], array[i, start + 1], array[i, start + 2]
 
 
@@ -96,14 +96,14 @@ def ray(eye, column, line):  # type: ignore[no-untyped-def]
 
 @inlined_njit
 def _inward(solids, i, d):  # type: ignore[no-untyped-def]
-    """A world direction in the axes of solid `i`."""
+    """A direction in the world, expressed in the axes of solid `i`."""
     x, y, z = three(solids, i, AXES), three(solids, i, AXES + 3), three(solids, i, AXES + 6)
     return dot(x, d), dot(y, d), dot(z, d)
 
 
 @inlined_njit
 def _slab(o, d):  # type: ignore[no-untyped-def]
-    """Where a ray enters and leaves the space between two faces of a cube."""
+    """Where a ray enters and leaves the space between two opposite faces of a cube (multiples of the direction's length)."""
     if d == 0.0:
         return (-math.inf, math.inf) if abs(o) < R else (math.inf, -math.inf)
     a, b = (-R - o) / d, (R - o) / d
@@ -245,12 +245,12 @@ def instance_ids(solids: Sequence[Solid], camera: Camera) -> NDArray[np.int64]:
 def optical_flow(now: Sequence[Solid], following: Sequence[Solid], camera: Camera) -> NDArray[np.float32]:
     """Displacement of what is seen, from one frame to the next.
 
-    The ground is at rest, whatever shadow moves over it. A point's next place may be hidden or outside the image.
+    The ground does not move, even if a shadow moves over it. The next position of a point may be hidden or outside the image.
 
     Args:
         now: the solids of a frame.
         following: the same solids in the next one.
-        camera: at rest.
+        camera: the camera, which does not move.
 
     Returns:
         (height, width, 2) columns to the right and rows down (pixels).

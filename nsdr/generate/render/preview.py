@@ -17,10 +17,10 @@ from nsdr.world.vocabulary import COLORS_RGB
 
 FloatArray = NDArray[np.float64]
 POWER_PER_INTENSITY = 4.0
-"""Power of a lamp (W) that shines with unit intensity straight ahead, in Blender. With pi, which energy would ask for, the
-empty scene differs from the released background by 2.8 of 255 at the best ambient light, with this by 1.8."""
+"""Power of a lamp (W) that shines straight ahead with unit intensity, as in Blender. Conservation of energy demands pi; but
+with pi, the empty scene differs from the released background by 2.8 of 255 at the best ambient light, and with this by 1.8."""
 SUN_DISTANCE_WORLD = 2000.0
-"""Distance of the lamp that stands for the sun; at 100, its light would vary by a tenth over the image."""
+"""Distance of the lamp that represents the sun. At 100, its light would vary by a tenth over the image."""
 SAMPLES_PER_SIDE = 3
 """Samples along each side of a pixel that is smoothed."""
 SMOOTHED_CONTRAST = 0.05
@@ -79,7 +79,7 @@ def render_motion(
 
 
 def _lights(view: View) -> FloatArray:
-    """(4, 16) the three lamps and the sun, which is a lamp far away, for compiled functions. All face the world's origin."""
+    """(4, 16) the lamps for compiled functions: three lamps and the sun, a lamp far away. All face the world's origin."""
     shifted = [np.add(lamp.location_world, by) for lamp, by in zip(LAMPS, view.lamp_shift_world, strict=True)]
     place = np.array([*shifted, SUN_DISTANCE_WORLD * np.array(SUN_DIRECTION)])
     colors = [lamp.power / POWER_PER_INTENSITY * np.array(lamp.color) for lamp in LAMPS]
@@ -92,7 +92,7 @@ def _lights(view: View) -> FloatArray:
 
 
 def _surfaces(objects: Sequence[SceneObject], solids: FloatArray, lights: FloatArray) -> FloatArray:
-    """(n, 7) what objects look like, for compiled functions."""
+    """(n, 7) the surfaces of objects, for compiled functions; the columns are those of `nsdr.generate.render.shading`."""
     rows = []
     for o, solid in zip(objects, solids, strict=True):
         below = background(

@@ -1,4 +1,4 @@
-"""Compiled light and materials: what a ray sees. Colours are tuples of linear red, green and blue."""
+"""Compiled functions for light and materials: the colour that a ray sees. Colours are tuples of linear red, green and blue."""
 
 import math
 
@@ -19,7 +19,7 @@ from nsdr.generate.render.view import GROUND_REFLECTANCE
 SURFACE_COLOR, BELOW, METAL = 0, 3, 6
 """Columns of an array of surfaces: linear RGB of an object's colour and of the ground below it, and 1 for metal."""
 AMBIENT = 0.039
-"""Radiance that reaches everything from afar, by many bounces (linear); the best of 0.02 to 0.06 on the released background."""
+"""Radiance that reaches every point after many bounces (linear); the best of 0.02 to 0.06 on the released background."""
 BACKDROP_NORMAL = (0.904, -0.428, 0.0)
 """Direction in which the wall behind CLEVR's scene faces. Its ground curves up to it."""
 BACKDROP_DISTANCE_WORLD = 13.0
@@ -27,7 +27,7 @@ BACKDROP_DISTANCE_WORLD = 13.0
 SCATTERED = 1.0 / math.pi
 """Radiance of a matt white surface per unit irradiance."""
 LAMP_BLUR = 0.25 * math.sqrt(2.0)
-"""By how much a lamp widens a highlight: squared roughness per half diagonal and distance."""
+"""How much a lamp widens a highlight: squared roughness for each ratio of half the lamp's diagonal to its distance."""
 ROUGH_HORIZON = 0.35
 """Half of the range of the reflected ray's upward component over which a rough mirror blends ground and sky."""
 SKY = 0.012
@@ -41,8 +41,8 @@ METAL_SHARP_SHARE = 0.6
 RUBBER_MATT = 0.9
 """Share of light that rubber scatters; with more, rubber is brighter than Blender's (`python benchmarks/preview.py`)."""
 MIN_COS = 0.25
-"""Smallest cosine between view and surface in the formulas of gloss. Smaller ones make bright lines where a rounded edge turns
-away from the camera, which the sharp outlines here would show and round ones hide."""
+"""Smallest cosine between view and surface in the formulas for gloss. Smaller ones make bright lines where a rounded edge turns
+away from the camera; really round outlines would hide these lines, but the outlines here are sharp."""
 
 
 @inlined_njit
@@ -89,7 +89,7 @@ def _fresnel(ior, cos_view):  # type: ignore[no-untyped-def]
 
 @inlined_njit
 def _lamps(solids, lights, i, metal, p, n, d, found):  # type: ignore[no-untyped-def]
-    """Light of the lamps that solid `i` scatters in all directions, and that its gloss reflects to where a ray came from."""
+    """Light of the lamps that solid `i` scatters in all directions, and light that its gloss reflects back along the ray."""
     cos_view = -dot(d, n)
     find_light(solids, lights, p, n, i, found)
     matt = shiny = (0.0, 0.0, 0.0)
@@ -121,13 +121,13 @@ def _mirrored(n, d):  # type: ignore[no-untyped-def]
 
 @inlined_njit
 def _blurred(below, d):  # type: ignore[no-untyped-def]
-    """What a rough mirror shows of ground and sky in the direction `d`."""
+    """Colour of ground and sky that a rough mirror shows in the direction `d`."""
     return added((SKY, SKY, SKY), min(max(0.5 - 0.5 * d[2] / ROUGH_HORIZON, 0.0), 1.0), below)
 
 
 @inlined_njit
 def _colored(solids, lights, surfaces, i, p, n, d, mirrored, found):  # type: ignore[no-untyped-def]
-    """Colour of solid `i`, in which metal shows the colour `mirrored`."""
+    """Colour of solid `i`; metal reflects the colour `mirrored`."""
     color, below = three(surfaces, i, SURFACE_COLOR), three(surfaces, i, BELOW)
     matt, shiny = _lamps(solids, lights, i, surfaces[i, METAL] > 0.0, p, n, d, found)
     rough = _blurred(below, _mirrored(n, d))
@@ -162,7 +162,7 @@ def _seen(solids, lights, surfaces, i, p, d, found):  # type: ignore[no-untyped-
 def trace(solids, lights, surfaces, p, d, found):  # type: ignore[no-untyped-def]
     """Index of the solid that a ray from the camera at `p` meets, -1 for none, and the colour that it sees.
 
-    `found` is of `find_light`.
+    `find_light` uses `found` as its buffer.
     """
     i, t = first_hit(solids, p, d, -1)
     if i < 0:

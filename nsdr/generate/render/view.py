@@ -29,14 +29,14 @@ class RenderConfig(Settings):
     Attributes:
         width: image width (pixels).
         height: image height (pixels).
-        camera: where the camera is, where it looks, and its lens. Its size is that of masks and annotations, 480x320.
+        camera: position, target and lens of the camera. Its image size is that of masks and annotations, 480x320.
         camera_jitter: max shift of the camera along each axis (world units). CLEVR has 0.5, CLEVRER 0.
         light_jitter: max shift of each lamp along each axis (world units). CLEVR has 1.
         samples: Cycles samples per pixel, before denoising.
         assets: folder of CLEVR's Blender files (`image_generation/data` of facebookresearch/clevr-dataset-gen), which the
             renderer "blender" needs.
-        frames: frames of the video, evenly spaced from the scene's first to its last one; 0 for all. Annotations, masks and
-            truth are of all.
+        frames: number of frames in the video, evenly spaced from the first to the last; 0 for all. Annotations, masks and truth
+            always have all frames.
         fps: frame rate of the video (1/s).
         crf: H.264 constant rate factor; lower is better quality.
     """
@@ -70,7 +70,7 @@ class Lamp:
     """A square area lamp, which faces the origin.
 
     Attributes:
-        name: of the object in CLEVR's base scene.
+        name: name of the object in CLEVR's base scene.
         location_world: centre (x, y, z).
         side_world: side length (world units).
         power: radiant power (W).
