@@ -197,7 +197,7 @@ def jumps(proposals: VideoProposals) -> list[float]:
     explanation = cut_motion(states_from_tracks(track(proposals)))
     breaks = [b for one in explanation.breaks for b in one if b.is_sure]
     hidden = [b for b in breaks if b.hidden_frames > JUMP_FRAMES >= b.missing_frames]
-    known = [b for b in hidden if b.place_variance < HIDDEN_NOISE_WORLD**2]
+    known = [b for b in hidden if b.position_variance < HIDDEN_NOISE_WORLD**2]
     return [b.jump().size for b in known]
 
 

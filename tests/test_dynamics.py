@@ -256,7 +256,7 @@ def test_free_sliding_is_fitted_through_noise_and_outliers() -> None:
     stretch = fit_stretch("cylinder", frames, positions, np.ones(40))
     np.testing.assert_allclose(stretch.motion, [-1.0, 0.5, 1.2, 1.6], atol=0.03)
     assert stretch.median_residual < 0.02
-    np.testing.assert_allclose(stretch.place(np.array([39.0])), positions[39:], atol=0.03)
+    np.testing.assert_allclose(stretch.position_at(np.array([39.0])), positions[39:], atol=0.03)
 
 
 def states_of(shape: str, positions: np.ndarray, seen: np.ndarray) -> MotionStates:

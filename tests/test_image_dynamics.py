@@ -329,7 +329,7 @@ def test_settings_that_would_do_nothing_are_refused(tmp_path) -> None:
         DynamicsTraining("p.npz", "t.json.gz", str(tmp_path), data="d")
     with pytest.raises(DataError, match="data: expected a path, got ''"):
         DynamicsTraining(run_dir=str(tmp_path), network="paper_images")
-    with pytest.raises(DataError, match="weights: does nothing with dynamics 'physics'"):
+    with pytest.raises(DataError, match="weights would do nothing with dynamics 'physics'"):
         backend_settings(BackendConfig(weights="somewhere"))
 
 

@@ -90,7 +90,7 @@ def test_the_simulators_caches_depend_on_the_constants(tmp_path: Path) -> None:
     before, after = files("GRAVITY", "9.81"), files("HULL_MARGIN_WORLD", "0.002")
     assert {"_run", "_collide", "slow_down", "slide_one", "outline_gap"} < set(before)
     unchanged = {name for name in before if after[name] == before[name]}
-    sliding = {"slide_one", "slide_roughly", "_slide_all", "_line", "fit_one"}
+    sliding = {"slide_one", "slide_on_ground", "_slide_all", "_line", "fit_sliding"}
     assert unchanged == sliding | {"_cube_gap", "_changed", "_follow_prescribed", "drift", "speed_after"}
 
 

@@ -1,8 +1,8 @@
-"""Tracks to rollouts: motion and collisions, observed, future and counterfactual; the backends and their registry."""
+"""From tracks to rollouts: observed, future and counterfactual motion and collisions; the backends and their registry."""
 
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 VERSION = 5
-"""Of what backends share, such as the collisions of a recording, and of scenes made of predictions: raised when they change."""
+"""Version of what all backends share, and of scenes made from predictions. It is raised when results change."""

@@ -1,4 +1,4 @@
-"""What explains a video's motion: tracks go in, and rollouts come out, as the video goes on and with changes."""
+"""The interface of dynamics backends: a backend explains tracks, and its explanation makes rollouts with or without changes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,27 +17,30 @@ __all__ = ["Dynamics", "Explanation", "StoredExplanation", "only_removal"]
 
 
 class Dynamics(Protocol):
-    """A dynamics backend: explains how a video's objects move and collide."""
+    """A dynamics backend, which explains how the objects of a video move and collide."""
 
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> "Explanation":
         """Explain the motion of a video.
 
         Args:
             states: the motion of the video's objects.
-            collisions: the video's collisions, taken as true; None finds them.
+            collisions: the collisions in the video, taken as true; None to detect them.
+
+        Returns:
+            The explanation of the video.
         """
 
 
 class Explanation(ABC):
-    """An explained video, which can be continued, with all its objects or with changes.
+    """An explained video. It can be continued as it is or with changes.
 
     Subclasses implement `run`.
 
     Args:
-        objects: identities.
+        objects: identities of the objects.
         n_frames: number of frames of the video.
         camera: the camera that took the video.
-        physics: velocities during the video and masses; None if the backend does not know them.
+        physics: masses, and velocities during the video; None if the backend does not estimate them.
     """
 
     def __init__(
@@ -54,31 +57,31 @@ class Explanation(ABC):
 
     @abstractmethod
     def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
-        """The rollout with changes that have been checked. `rollout` calls it.
+        """Compute a rollout with changes that `rollout` has already checked.
 
         Args:
-            changes: interventions whose `object` is an id. Objects to add get the ids after the video's, in order.
-            from_frame: frame of the changes, 0 to `n_frames - 1`.
+            changes: interventions whose `object` is an id. Added objects get the ids that follow those of the video, in order.
+            from_frame: frame at which the changes happen, 0 to `n_frames - 1`.
             frames: number of frames of the rollout, at least `n_frames`.
 
         Returns:
-            The rollout of the video's objects and the added ones.
+            The rollout of the objects of the video and the added objects.
 
         Raises:
             DataError: the backend cannot make these changes.
         """
 
     def rollout(self, changes: Sequence[Intervention] = (), from_frame: int = 0, frames: int | None = None) -> Rollout:
-        """The video and its continuation.
+        """Roll out the video and its continuation.
 
         Args:
             changes: interventions; none for the video as it is.
-            from_frame: frame of the video at which they happen.
+            from_frame: frame of the video at which the interventions happen.
             frames: number of frames of the rollout; None for the horizon of CLEVRER's predictive questions
                 (`nsdr.world.physics_constants.horizon_frame`).
 
         Raises:
-            DataError: an object that is not there, contradicting changes, or one that is impossible.
+            DataError: a change concerns an object that is not there or is impossible, or two changes contradict each other.
         """
         if changes != () or from_frame:
             changes = resolve(changes, self.objects, self.observed.visible[:, : self.n_frames], from_frame)
@@ -86,17 +89,17 @@ class Explanation(ABC):
 
     @cached_property
     def observed(self) -> Rollout:
-        """The video as it is and its continuation to the horizon."""
+        """The rollout of the video as it is, up to the horizon."""
         return self.run((), 0, self._length())
 
     @cached_property
     def counterfactual(self) -> Mapping[int, Rollout]:
-        """Rollouts to the horizon with one object removed, by its id. Each is computed when it is first asked for."""
+        """Rollouts up to the horizon by the id of the object that is removed. Each is computed when it is first read."""
         return _Removals(self)
 
     @cached_property
     def prediction(self) -> DynamicsPrediction:
-        """The rollout of the video and those with each object removed, as a record that can be stored."""
+        """The rollout of the video and the rollouts without each object, as a record that can be stored."""
         removals = dict(self.counterfactual)
         return DynamicsPrediction(self.objects, self.n_frames, self.observed, removals, self.physics)
 
@@ -105,7 +108,7 @@ class Explanation(ABC):
 
 
 class _Removals(Mapping[int, Rollout]):
-    """Rollouts without each object, computed at the first access."""
+    """Rollouts by the id of the removed object, each computed when it is first read."""
 
     def __init__(self, explanation: Explanation) -> None:
         self._explanation = explanation
@@ -127,7 +130,7 @@ class _Removals(Mapping[int, Rollout]):
 
 
 class StoredExplanation(Explanation):
-    """What a stored prediction knows: the video, its continuation, and the removals that were stored with it."""
+    """An explanation read from a stored prediction. It has only the rollouts that were stored."""
 
     def __init__(self, prediction: DynamicsPrediction, camera: Camera = CLEVRER_CAMERA) -> None:
         super().__init__(prediction.objects, prediction.n_frames, camera, prediction.physics)
@@ -135,7 +138,11 @@ class StoredExplanation(Explanation):
         self.prediction = prediction
 
     def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
-        """The stored rollout; raises `DataError` for one that was not stored."""
+        """Return the stored rollout.
+
+        Raises:
+            DataError: no such rollout was stored.
+        """
         removed = only_removal(changes, from_frame, "stored predictions")
         if removed is not None and removed not in self.counterfactual:
             raise DataError(f"the stored prediction has no rollout without the {self.objects[removed].name}")
@@ -150,15 +157,15 @@ class StoredExplanation(Explanation):
 
 
 def only_removal(changes: Sequence[Intervention], from_frame: int, what: str) -> int | None:
-    """Id of the object that is removed from frame 0, or None without changes, for backends that can make no other change.
+    """The id of the one object that is removed from frame 0, for backends that support no other change; None without changes.
 
     Args:
         changes: interventions whose `object` is an id.
-        from_frame: their frame.
-        what: the backend, for the error.
+        from_frame: frame at which the changes happen.
+        what: name of the backend in the error message.
 
     Raises:
-        DataError: any other change.
+        DataError: a change other than the removal of one object from frame 0.
     """
     if not changes:
         return None

@@ -1,4 +1,4 @@
-"""Interventions on a video's objects: which objects they mean, and what contradicts."""
+"""Interventions on the objects of a video: which objects they refer to, and which of them contradict each other."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from nsdr.types.interventions import Intervention
 from nsdr.validation import BoolArray
 
 EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
-"""Interventions of which an object takes one. `Remove` excludes all others."""
+"""An object can have only one intervention of each of these sets. `Remove` excludes all others."""
 
 
 def find_object(objects: Sequence[SceneObject], wanted: str | int) -> int:
-    """Id of the object that words or an id mean.
+    """The id of the object that is given by words or by its id.
 
     Raises:
-        DataError: none or several fit; lists the objects.
+        DataError: no object fits, or several do; the message lists the objects.
     """
     known = ", ".join(f"{o.id} {o.name}" for o in objects)
     if not isinstance(wanted, str):
@@ -37,17 +37,17 @@ def find_object(objects: Sequence[SceneObject], wanted: str | int) -> int:
 def resolve(
     interventions: Sequence[Intervention], objects: Sequence[SceneObject], visible: BoolArray, from_frame: int
 ) -> tuple[Intervention, ...]:
-    """Interventions with ids in place of words, checked against each other and the video.
+    """Replace the words of interventions by ids, and check the interventions against each other and the video.
 
     Args:
         interventions: changes of the scene.
-        objects: the video's.
+        objects: objects of the video.
         visible: (n, F) bool, whether each object is in the image at each frame of the video.
-        from_frame: frame of the interventions.
+        from_frame: frame at which the interventions happen.
 
     Raises:
-        DataError: no list, a frame outside of the video, an object that is unknown or not in the image at that frame,
-            contradicting interventions, or a new object that is there already.
+        DataError: `interventions` is not a list, `from_frame` is outside the video, an object is unknown or not in the image at
+            that frame, interventions contradict each other, or an object like the added one is there already.
     """
     frames = visible.shape[1]
     if isinstance(from_frame, bool) or not isinstance(from_frame, int) or not 0 <= from_frame < frames:
@@ -70,24 +70,24 @@ def resolve(
 
 
 def changed_ids(changes: Sequence[Intervention], objects: Sequence[SceneObject]) -> list[int]:
-    """Id of the object that each intervention changes or adds.
+    """The id of the object that each intervention changes or adds.
 
     Args:
         changes: interventions whose `object` is an id.
-        objects: the video's; added ones get the ids that follow.
+        objects: objects of the video; added objects get the ids that follow.
     """
     added = iter(range(len(objects), len(objects) + len(changes)))
     return [next(added) if isinstance(change, Add) else int(change.object) for change in changes]
 
 
 def with_added(objects: Sequence[SceneObject], changes: Sequence[Intervention]) -> tuple[SceneObject, ...]:
-    """The video's objects, and those that interventions add."""
+    """The objects of the video, followed by the objects that interventions add."""
     added = [change for change in changes if isinstance(change, Add)]
     return (*objects, *(SceneObject(len(objects) + k, a.color, a.material, a.shape) for k, a in enumerate(added)))
 
 
 def _check_there(change: Intervention, o: SceneObject, visible: BoolArray, frame: int) -> None:
-    """Removal and masses also concern objects that enter later."""
+    """Raise `DataError` if an object is not in the image at a frame, unless it enters later and is removed or gets a mass."""
     seen, what = np.flatnonzero(visible), f"{type(change).__name__} {o.name}: it is"
     if not len(seen):
         raise DataError(f"{what} never in the image")
@@ -99,7 +99,7 @@ def _check_there(change: Intervention, o: SceneObject, visible: BoolArray, frame
 
 
 def _check_contradictions(changes: Sequence[Intervention], objects: tuple[SceneObject, ...], from_frame: int) -> None:
-    """Refuse changes of one object that exclude each other; `objects` are the video's and the added ones."""
+    """Raise `DataError` if changes exclude each other; `objects` are those of the video and the added ones."""
     n_added = sum(isinstance(change, Add) for change in changes)
     kinds: dict[int, list[type]] = defaultdict(list)
     for i, change in zip(changed_ids(changes, objects[: len(objects) - n_added]), changes, strict=True):

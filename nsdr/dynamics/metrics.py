@@ -1,4 +1,4 @@
-"""Agreement of predicted collisions and motion with what happened."""
+"""Measures of how well predicted collisions and motion agree with the true ones."""
 
 from collections.abc import Iterable, Sequence
 
@@ -11,7 +11,7 @@ from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
 
 def collision_scores(pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]]) -> dict[str, float]:
-    """Precision, recall and F1 of (predicted, true) collisions: same pair, frames at most `SAME_EVENT_FRAMES` apart."""
+    """Precision, recall and F1 of pairs (predicted collisions, true collisions), matched as in `same_collisions`."""
     right = predicted_total = true_total = 0
     for predicted, true in pairs:
         right += same_collisions(predicted, true)
@@ -27,7 +27,10 @@ def collision_scores(pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]]) -
 def same_collisions(
     predicted: Sequence[Event], true: Sequence[Event], tolerance_frames: int = SAME_EVENT_FRAMES
 ) -> int:
-    """Number of predicted collisions with a true one: same pair, frames at most so far apart, each true one counted once."""
+    """Number of predicted collisions that match a true one: same objects, frames at most `tolerance_frames` apart.
+
+    Each true collision is matched at most once.
+    """
     left = sorted(true, key=lambda e: e.frame)
     for event in sorted(predicted, key=lambda e: e.frame):
         fits = (e for e in left if e.objects == event.objects and abs(e.frame - event.frame) <= tolerance_frames)
@@ -39,11 +42,10 @@ def same_collisions(
 def rollout_errors(
     dynamics: Dynamics, scenes: Sequence[MotionStates], starts: Sequence[int] = (60, 80, 100)
 ) -> dict[str, float]:
-    """Median and 90th percentile (`_p90`) distance (world units) of rollouts from real tracks, 10, 25 and 50 frames ahead.
+    """Median and 90th percentile (`_p90`) of the distance of rollouts from tracks 10, 25 and 50 frames ahead (world units).
 
-    A rollout starts from what is known when only the frames before its start have been seen (`first_frames`), for each of
-    `starts`. Objects without a position in the rollout are left out, and those that were not yet, or are no longer, in view at
-    the start.
+    For each of `starts`, a rollout starts from what is known of the frames before it (`first_frames`). Objects are left out
+    if the rollout has no position for them, or if they were not in view at the start.
     """
     distances: dict[int, list[float]] = {10: [], 25: [], 50: []}
     for states in scenes:

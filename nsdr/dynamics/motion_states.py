@@ -1,4 +1,4 @@
-"""Tracks as dense arrays: a position for every object and frame, with what is known of its reliability."""
+"""Tracks as dense arrays: the position of every object in every frame, and how reliable it is."""
 
 import math
 from collections.abc import Iterable
@@ -14,26 +14,27 @@ from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.vocabulary import MATERIALS, SHAPES
 
 UNRELIABLE_WEIGHT = 0.03
-"""Weight of positions of objects that are hidden in part or cut by the image's border. Like the next two, chosen by the
-accuracy of answers on `dev` scenes."""
+"""Weight of the position of an object that is partly hidden or cut by the image border. Chosen, like `REST_SPEED_WORLD_PER_S`
+and `COLLISION_MARGIN_FRAMES`, by the accuracy of answers on `dev` scenes."""
 REST_SPEED_WORLD_PER_S = 0.4
-"""Objects whose fitted initial speed is below this are treated as at rest (world units/s); CLEVRER's start at 2.7 or faster."""
+"""An object whose fitted initial speed is below this is treated as at rest (world units/s); CLEVRER's start at 2.7 or more."""
 COLLISION_MARGIN_FRAMES = 1
-"""Positions within this many frames of a collision are ambiguous and ignored (frames)."""
+"""Positions this close to a collision are ambiguous and are not fitted (frames)."""
 LINE_FRAMES = 8
-"""Frames at a track's ends whose straight line is continued where the object was not detected."""
+"""A track is continued beyond each end by the straight line through its detections in this many frames there."""
 MIN_LINE_FRAMES = 3
-"""Frames of reliable detections near a track's end that suffice for that line; otherwise all detections count."""
+"""The straight line beyond a track's end goes through reliable detections only if they span at least this many frames;
+otherwise through all detections."""
 
 
 @dataclass(frozen=True, eq=False)
 class VideoPixels:
-    """The images of a video, for networks that read them beside the tracks.
+    """The images of a video, for networks that read images in addition to tracks.
 
     Attributes:
-        frames: the video's frames (320, 480, 3) uint8 RGB, in order; they are read once at most.
-        proposals: the detections that the tracks were made from, with their masks.
-        tracks: the tracks.
+        frames: (320, 480, 3) uint8 RGB, the frames of the video in order; they are read at most once.
+        proposals: detections that the tracks were made from, with masks.
+        tracks: tracks of the objects.
     """
 
     frames: Iterable[NDArray[np.uint8]]
@@ -43,18 +44,19 @@ class VideoPixels:
 
 @dataclass(frozen=True)
 class MotionStates:
-    """Ground-plane motion of a video's objects.
+    """Motion of the objects of a video on the ground plane.
 
     Attributes:
-        objects: identities.
-        location_world: (n, F, 2) float, detected or interpolated; beyond the track's ends continued in a straight line.
-        detected: (n, F) bool, the object was detected in that frame.
-        reliable: (n, F) bool, detected, not cut by the image's border and not hidden by a nearer object.
-        present: (n, F) bool, between the first and the last detection.
+        objects: identities of the objects.
+        location_world: (n, F, 2) float, positions (world units): detected, interpolated between detections, and continued in a
+            straight line beyond the ends of the track.
+        detected: (n, F) bool, whether the object was detected in the frame.
+        reliable: (n, F) bool, whether it was detected, not cut by the image border and not hidden by a nearer object.
+        present: (n, F) bool, whether the frame is between the first and the last detection.
         box_px: (n, F, 4) float, centre (column, row), width and height of the box; interpolated between detections.
         patches: (n, F, 4, cells, cells) uint8, image and mask around each object (`nsdr.dynamics.propnet.patches`); None
-            for networks that read no images.
-        pixels: the video itself, which patches can be made from; None where there are only tracks.
+            for backends that read no images.
+        pixels: images of the video, from which patches can be made; None if there are only tracks.
         camera: the camera that took the video.
     """
 
@@ -75,33 +77,33 @@ class MotionStates:
 
     @property
     def weight(self) -> FloatArray:
-        """(n, F) weight of each position in fits, 0-1: `UNRELIABLE_WEIGHT` where it was detected, but is not reliable."""
+        """(n, F) weight of each position in fits: 1 if reliable, `UNRELIABLE_WEIGHT` if only detected, otherwise 0."""
         return np.where(self.reliable, 1.0, np.where(self.detected, UNRELIABLE_WEIGHT, 0.0))
 
     @property
     def spacing_frames(self) -> float:
-        """Frames from one processed frame of the video to the next, as its detections show (median)."""
+        """Median number of frames from one frame with detections to the next."""
         frames = np.flatnonzero(self.detected.any(0))
         return float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
 
     @property
     def box_xyxy_px(self) -> FloatArray:
-        """(n, F, 4) left, top, right and bottom of the boxes."""
+        """(n, F, 4) left, top, right and bottom of the boxes (pixels)."""
         centre, half = self.box_px[..., :2], self.box_px[..., 2:] / 2
         return np.concatenate([centre - half, centre + half], -1)
 
 
 def detections_in(frames: int, spacing_frames: float) -> int:
-    """Number of detections that reach over as many frames, 2 or more: `frames` itself where every frame was processed."""
+    """Number of detections that span this many frames; equal to `frames` if every frame was processed."""
     return 1 + math.ceil((frames - 1) / spacing_frames)
 
 
 def states_from_tracks(video: VideoTracks, pixels: VideoPixels | None = None) -> MotionStates:
-    """Dense states of all tracks of a video.
+    """Make dense motion states from the tracks of a video.
 
     Args:
-        video: the tracks.
-        pixels: the images that they were made from, for networks that read them.
+        video: tracks of the video.
+        pixels: images of the video, for networks that read images.
     """
     n, frames = len(video.tracks), video.n_frames
     location, detected = np.zeros((n, frames, 2)), np.zeros((n, frames), bool)
@@ -120,10 +122,10 @@ def states_from_tracks(video: VideoTracks, pixels: VideoPixels | None = None) ->
 
 
 def first_frames(states: MotionStates, n_frames: int) -> MotionStates:
-    """What is known of a video's motion when only its first frames have been seen.
+    """The motion states that would be known if only the first `n_frames` frames had been seen.
 
-    Objects that were not detected in them are left out. Positions, boxes and patches of undetected frames are filled from
-    these frames only. An object that was not seen whole in these frames has black patches.
+    Objects that were not detected in the first frames are left out. Positions, boxes and patches in frames without a detection
+    are filled from the first frames only. An object without a reliable detection in them has black patches.
     """
     seen = np.flatnonzero(states.detected[:, :n_frames].any(1))
     names = ("location_world", "detected", "reliable", "present", "box_px")
@@ -140,10 +142,7 @@ def first_frames(states: MotionStates, n_frames: int) -> MotionStates:
 
 
 def _filled(measured: MotionStates) -> MotionStates:
-    """States with positions and boxes in undetected frames filled from the detected ones.
-
-    `present` runs from the first detection to the last.
-    """
+    """Fill in positions and boxes in frames without a detection, and set `present` from the first detection to the last."""
     location, box = measured.location_world.astype(float), np.zeros(measured.box_px.shape)
     present = np.zeros_like(measured.detected)
     every = np.arange(measured.detected.shape[1])
@@ -161,7 +160,7 @@ def _filled(measured: MotionStates) -> MotionStates:
 
 
 def extrapolate(location_world: FloatArray, frames: int) -> FloatArray:
-    """Positions (..., F, 2) continued in straight lines by a number of frames on both sides: (..., F + 2 frames, 2)."""
+    """Continue positions (..., F, 2) in straight lines by `frames` frames at both ends: (..., F + 2 frames, 2)."""
     reach = min(LINE_FRAMES, location_world.shape[-2] - 1)
     if reach < 1:
         return np.repeat(location_world, 2 * frames + 1, axis=-2)
@@ -173,7 +172,10 @@ def extrapolate(location_world: FloatArray, frames: int) -> FloatArray:
 
 
 def _line_samples(seen: IntArray, is_reliable: BoolArray, spacing: float) -> tuple[IntArray, IntArray]:
-    """Indices of the samples at a track's start and end that its lines go through; reliable ones where they are near."""
+    """Indices of the detections that the lines beyond a track's start and end go through.
+
+    They are reliable detections if enough of them are near the end, and otherwise any.
+    """
     reliable, every = np.flatnonzero(is_reliable), np.arange(len(seen))
     k, count, near = detections_in(MIN_LINE_FRAMES, spacing), detections_in(LINE_FRAMES, spacing), 2 * LINE_FRAMES
     at_start = len(reliable) >= k and seen[reliable[k - 1]] - seen[0] <= near
@@ -182,7 +184,7 @@ def _line_samples(seen: IntArray, is_reliable: BoolArray, spacing: float) -> tup
 
 
 def _line(frame_index: IntArray, location_world: FloatArray, wanted: IntArray) -> FloatArray:
-    """Positions (W, 2) at other frames of the straight line through samples (N, 2)."""
+    """Positions (W, 2) in the wanted frames on the least-squares line through positions (N, 2)."""
     if len(frame_index) < 2:
         return np.repeat(location_world[:1], len(wanted), axis=0)
     terms = np.stack([np.ones(len(frame_index)), frame_index - frame_index.mean()], 1)
@@ -191,7 +193,7 @@ def _line(frame_index: IntArray, location_world: FloatArray, wanted: IntArray) -
 
 
 def object_features(objects: tuple[SceneObject, ...]) -> FloatArray:
-    """(n, 5): one-hot shape (3) and material (2)."""
+    """Features (n, 5) of the objects: one-hot shape (3) and material (2)."""
     features = np.zeros((len(objects), len(SHAPES) + len(MATERIALS)), np.float32)
     for row, o in zip(features, objects, strict=True):
         row[SHAPES.index(o.shape)] = 1

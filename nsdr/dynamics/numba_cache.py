@@ -1,4 +1,4 @@
-"""Compilation by Numba whose cache on disk is fresh only as long as all that was compiled in is unchanged."""
+"""Compilation by Numba with a cache on disk that notices changes in every file that was compiled in."""
 
 import builtins
 import dis
@@ -18,19 +18,23 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.dispatcher import Dispatcher
 
 ERROR_MODEL: Literal["numpy"] = "numpy"
-"""A division by zero gives infinity; a test and an exception for each would take long to compile."""
+"""Numba's error model. A division by zero gives infinity, because a check of every division would take long to compile."""
 DIGITS = 12
-"""Hexadecimal digits of the digest in the names of cache files."""
+"""Number of hexadecimal digits of the digest in the names of cache files."""
 log = logging.getLogger(__name__)
 
 
 def cached_njit(function: Callable[..., Any], inline: bool = False) -> Any:
-    """Compile a function as `numba.njit(cache=True)` does, with a cache that sees changes in other files.
+    """Compile a function like `numba.njit(cache=True)`, with a cache that notices changes in other files.
 
-    Numba compiles in the values of global names and the functions that are called, but its cache looks at the function's own
-    file alone. Here a digest of these values and functions is part of the names of the cache files, so other values have files
-    of their own, in processes that run at the same time, too. Everything that the function reads must be defined before it.
-    Where no folder can be written, each process compiles for itself, and says so once.
+    Numba compiles the values of global names and the called functions into a function, but its cache checks only the function's
+    own file. Here a digest of these values and functions is part of the names of the cache files, so different values
+    have different files, also when several processes run at the same time. Everything that the function reads must be defined
+    before it. If no folder is writable, every process compiles for itself and logs one warning.
+
+    Args:
+        function: function to compile.
+        inline: whether it is compiled into each function that calls it.
 
     Raises:
         NameError: a global name that the function reads is not defined yet.
@@ -46,6 +50,7 @@ def cached_njit(function: Callable[..., Any], inline: bool = False) -> Any:
 
 @cache
 def _say_without_cache() -> None:
+    """Log once that compiled functions cannot be kept."""
     if current_process().name == "MainProcess":  # and not in each worker
         log.warning(
             "neither the installation nor the user's cache folder can be written, so every start compiles anew, which takes "
@@ -54,11 +59,13 @@ def _say_without_cache() -> None:
 
 
 def inlined_njit(function: Callable[..., Any]) -> Any:
-    """As `cached_njit`, compiled into each function that calls it: a call with arrays and tuples costs some 10 ns."""
+    """Like `cached_njit`, but inlined into each function that calls it; a call with arrays and tuples costs some 10 ns."""
     return cached_njit(function, inline=True)
 
 
 class _Files(CompileResultCacheImpl):
+    """Cache files of a function with its digest in their names."""
+
     def __init__(self, function: Callable[..., Any]) -> None:
         self._digest = _digest(function)
         super().__init__(function)
@@ -68,6 +75,8 @@ class _Files(CompileResultCacheImpl):
 
 
 class _Cache(FunctionCache):
+    """A cache of compiled functions that ignores a full disk."""
+
     _impl_class = _Files
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -77,7 +86,7 @@ class _Cache(FunctionCache):
 
 @cache
 def _digest(function: Callable[..., Any]) -> str:
-    """Of a function's source, and of everything that its global names stand for."""
+    """Digest of the source of a function and of the values of all global names in it."""
     digest = hashlib.sha256(f"{ERROR_MODEL}{inspect.getsource(function)}".encode())
     values = {**vars(builtins), **function.__globals__}
     for name in sorted(set(_global_names(function.__code__))):
@@ -95,6 +104,7 @@ def _digest(function: Callable[..., Any]) -> str:
 
 
 def _global_names(code: CodeType) -> Iterator[str]:
+    """Names of the globals that code reads, including the code of functions inside it."""
     yield from (i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL")
     for constant in code.co_consts:
         if isinstance(constant, CodeType):

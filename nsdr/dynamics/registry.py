@@ -1,4 +1,4 @@
-"""The dynamics backends by name, and their settings in one dataclass (`configs/dynamics/physics.yaml`)."""
+"""The dynamics backends by name, and the dataclass of their settings (`configs/dynamics/physics.yaml`)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,21 +16,24 @@ from nsdr.io.registry import Registry
 from nsdr.validation import Settings, one_of
 
 PATCH_CHECKPOINTS = {"paper": "dynamics_paper", "paper_images": "dynamics_paper_images"}
-"""Backends whose network sees patches, and the shipped checkpoint of each beside `default`."""
+"""Name of the shipped checkpoint of each backend with a network on patches; these weights are not part of `default`."""
 READ_NO_IMAGES = ("physics", "state", "paper")
-"""Backends that see the tracks alone."""
+"""Names of the backends that read only tracks."""
 
 
 @dataclass(frozen=True)
 class BackendConfig(Settings):
-    """Which dynamics backend, and how it works.
+    """Choice of a dynamics backend, and its settings.
 
     Attributes:
         backend: a name in `BACKENDS`: "physics" (a simulator fitted to the tracks), "state" (PropNet on ground-plane states),
-            "paper" (PropNet on patches), "paper_images" (PropNet on patches of images; videos only), or one of another package.
-        weights: folder of the trained network, for "paper" and "paper_images"; "" for the checkpoint's, or the shipped ones.
-        collisions: "predicted", or "velocity" for those that changes of velocity alone show (NE).
-        physics: of the physics backend.
+            "paper" (PropNet on patches of masks), "paper_images" (PropNet on patches of images and masks; needs videos), or a
+            backend of another package.
+        weights: folder of the trained network, for "paper" and "paper_images"; "" for the network of the checkpoint, or the
+            shipped one if the checkpoint is `default`.
+        collisions: "predicted" for collisions that the backend predicts, "velocity" for collisions detected from changes of
+            velocity alone (the paper's variant "no events", NE).
+        physics: settings of the physics backend.
     """
 
     backend: str = "physics"
@@ -40,7 +43,7 @@ class BackendConfig(Settings):
 
 
 BackendFactory = Callable[[Path, BackendConfig], Dynamics]
-"""(checkpoint folder, settings) -> the backend with its weights."""
+"""A function (checkpoint folder, settings) -> backend with its weights."""
 BACKENDS: Registry[BackendFactory] = Registry(
     "dynamics backend (or YAML file)",
     "nsdr.dynamics",
@@ -55,6 +58,7 @@ BACKENDS: Registry[BackendFactory] = Registry(
 
 
 def _physics(folder: Path, config: BackendConfig) -> Dynamics:
+    """Load the physics backend."""
     from nsdr.dynamics.collisions.network import TrackCollisionDetector
 
     if (folder / "dynamics.safetensors").exists() and not (folder / "collisions.safetensors").exists():
@@ -65,12 +69,14 @@ def _physics(folder: Path, config: BackendConfig) -> Dynamics:
 
 
 def _state(folder: Path, config: BackendConfig) -> Dynamics:
+    """Load PropNet on ground-plane states."""
     from nsdr.dynamics.propnet.state_predictor import StatePredictor
 
     return StatePredictor.from_checkpoint(folder)
 
 
 def _patches(folder: Path, config: BackendConfig) -> Dynamics:
+    """Load PropNet on patches of masks, or of images and masks."""
     from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
 
     predictor = PatchPredictor if config.backend == "paper" else ImagePredictor
@@ -78,9 +84,9 @@ def _patches(folder: Path, config: BackendConfig) -> Dynamics:
 
 
 def _patch_folder(folder: Path, config: BackendConfig) -> Path:
-    """Where the weights of a network on patches are: of `config`, else of the checkpoint.
+    """The folder with the weights of a network on patches.
 
-    The shipped checkpoint of the backend stands for `default`.
+    It is `config.weights` if given; otherwise the checkpoint folder, or the backend's shipped checkpoint in place of `default`.
     """
     if config.weights:
         return find_checkpoint(config.weights)
@@ -88,7 +94,7 @@ def _patch_folder(folder: Path, config: BackendConfig) -> Path:
 
 
 def _is_default(folder: Path) -> bool:
-    """Whether a folder is the checkpoint `default`, which need not be there."""
+    """Whether a folder is the checkpoint `default`; False if `default` is not installed."""
     try:
         return folder.resolve() == find_checkpoint().resolve()
     except CheckpointError:
@@ -96,16 +102,16 @@ def _is_default(folder: Path) -> bool:
 
 
 def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics") -> Dynamics:
-    """A dynamics backend with its weights.
+    """Load a dynamics backend with its weights.
 
     Args:
-        folder: the checkpoint with `dynamics.safetensors`; for "paper" and "paper_images" and the folder of `default`, the
-            shipped `dynamics_paper` and `dynamics_paper_images` are read instead.
-        settings: a backend's name, a YAML file of a `BackendConfig`, or one.
+        folder: folder of the checkpoint. For "paper" and "paper_images", the shipped `dynamics_paper` and
+            `dynamics_paper_images` are read in place of `default`.
+        settings: name of a backend, YAML file of a `BackendConfig`, or a `BackendConfig`.
 
     Raises:
-        DataError: an unknown backend, or settings that would do nothing.
-        CheckpointError: weights are missing or corrupt, or of another backend's network.
+        DataError: the backend is unknown, or a setting would have no effect.
+        CheckpointError: weights are missing or corrupt, or belong to the network of another backend.
     """
     config = backend_settings(settings)
     backend = BACKENDS[config.backend](folder, config)
@@ -113,7 +119,14 @@ def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics")
 
 
 def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
-    """Settings from a backend's name or a YAML file, checked; raises `DataError` as `load_backend`."""
+    """Make and check settings.
+
+    Args:
+        settings: name of a backend, YAML file of a `BackendConfig`, or a `BackendConfig`.
+
+    Raises:
+        DataError: the backend is unknown, or a setting would have no effect.
+    """
     if isinstance(settings, BackendConfig):
         config = settings
     elif str(settings).endswith((".yaml", ".yml")):
@@ -122,13 +135,13 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
         config = BackendConfig(str(settings))
     BACKENDS.check(config.backend)
     if config.weights and config.backend not in PATCH_CHECKPOINTS:
-        raise DataError(f"weights: does nothing with dynamics {config.backend!r}; name the folder by --checkpoint")
+        raise DataError(f"weights would do nothing with dynamics {config.backend!r}; name the folder by --checkpoint")
     if config.backend in ("state", *PATCH_CHECKPOINTS) and config.physics != PhysicsConfig():
-        raise DataError(f"settings of physics do nothing with dynamics {config.backend!r}; leave them out")
+        raise DataError(f"settings of physics would do nothing with dynamics {config.backend!r}; leave them out")
     return config
 
 
 def checkpoint_folders(folder: Path, config: BackendConfig) -> list[Path]:
-    """Folders whose weights a pipeline with this backend uses."""
+    """Folders from which a pipeline with this backend reads weights."""
     patches = [_patch_folder(folder, config)] if config.backend in PATCH_CHECKPOINTS else []
     return [*dict.fromkeys([folder, *patches])]

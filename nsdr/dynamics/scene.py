@@ -1,4 +1,4 @@
-"""Rollouts -> the symbolic scene."""
+"""Conversion of rollouts to the symbolic scene."""
 
 from typing import Any
 
@@ -11,10 +11,10 @@ from nsdr.world.camera import Camera, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 
 PREDICTED_MOVING_SPEED_WORLD_PER_S = 0.05
-"""Where no speed was fitted, an object moves above this speed: noisy positions make resting objects seem to creep. Set on ten
-annotation files."""
+"""Where no speed was fitted, an object counts as moving above this speed (world units/s). It is higher than
+`MOVING_SPEED_WORLD_PER_S` because noisy positions make resting objects seem to creep. Set on ten annotation files."""
 SPEED_WINDOW_FRAMES = 11
-"""Frames of the line whose slope is that speed. Set on ten annotation files."""
+"""Number of frames of the line whose slope is the speed where no speed was fitted. Set on ten annotation files."""
 
 
 def scene_from_prediction(
@@ -22,16 +22,16 @@ def scene_from_prediction(
     existence: NDArray[np.floating[Any]] | None = None,
     camera: Camera | None = None,
 ) -> Scene:
-    """Scene of a dynamics backend's output: observed, unseen and counterfactual events, and motion.
+    """Make the scene of a prediction: observed, unseen and counterfactual events, and motion.
 
-    An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, it moves when it is
-    faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames up to the current one and in those from it on: so it is
-    at rest until it is hit, and as soon as it has stopped.
+    An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, an object moves when
+    it is faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames before the current one and in the frames after it.
+    So it is at rest until it is hit, and again as soon as it has stopped.
 
     Args:
-        prediction: of the backend.
-        existence: (n,) how probable it is that each object is there, in a video that was perceived (`Scene.existence`).
-        camera: the camera that took the video; without it, motion in the image (`Scene.motion_px`) is not known.
+        prediction: output of a dynamics backend.
+        existence: (n,) probability that each object exists, if the video was perceived (`Scene.existence`).
+        camera: the camera that took the video; None leaves the motion in the image (`Scene.motion_px`) unknown.
     """
     n_frames = prediction.n_frames
     visible = prediction.observed.visible[:, :n_frames]
@@ -62,7 +62,7 @@ def scene_from_prediction(
 
 
 def motion_px(location_world: NDArray[np.floating[Any]], visible: NDArray[np.bool_], camera: Camera) -> NDArray[Any]:
-    """How far objects move in the image from their first visible frame to their last (`Scene.motion_px`).
+    """Displacement of each object in the image from its first visible frame to its last (`Scene.motion_px`).
 
     Args:
         location_world: (n, F or more, 2) positions on the ground (world units).
@@ -70,7 +70,7 @@ def motion_px(location_world: NDArray[np.floating[Any]], visible: NDArray[np.boo
         camera: the camera that took the video.
 
     Returns:
-        (n, 2) motion to the right and down (pixels); NaN for objects that are never visible.
+        (n, 2) displacement to the right and down (pixels); NaN for objects that are never visible.
     """
     motion = np.full((len(visible), 2), np.nan)
     for i, frames in enumerate(map(np.flatnonzero, visible)):
@@ -81,7 +81,7 @@ def motion_px(location_world: NDArray[np.floating[Any]], visible: NDArray[np.boo
 
 
 def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tuple[UncertainCollision, ...] | None:
-    """Uncertain collisions of all rollouts, those of the video as they are seen; None where a rollout has none."""
+    """Uncertain collisions of all rollouts; during the video only those in view. None if a rollout does not know its own."""
     found: list[UncertainCollision] = []
     for removed, rollout in ((None, prediction.observed), *prediction.counterfactual.items()):
         if rollout.uncertain is None:
@@ -95,9 +95,9 @@ def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tu
 
 
 def _speed(location_world: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
-    """Speed (n, F) in world units per second: the smaller one of the frames before and the frames after.
+    """Speed (n, F) in world units per second: the smaller of the speeds just before and just after each frame.
 
-    Each is the slope of the least-squares line through `SPEED_WINDOW_FRAMES` that end or start at the frame.
+    Each of the two is the slope of the least-squares line through the `SPEED_WINDOW_FRAMES` that end or start at the frame.
     """
     n, frames = location_world.shape[:2]
     window = min(SPEED_WINDOW_FRAMES, frames)
@@ -108,12 +108,15 @@ def _speed(location_world: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any
     slope = np.linalg.norm(windows @ (time / (time @ time)), axis=-1)
     missing = np.full((n, window - 1), np.inf)
     speed = np.minimum(np.concatenate([missing, slope], 1), np.concatenate([slope, missing], 1))
-    # Where a short video has neither window, the nearest one will do.
+    # In a short video, some frames have neither window and take the first one.
     return np.where(np.isinf(speed), slope[:, :1], speed)
 
 
 def collisions_of(scene: Scene, tracks: VideoTracks) -> list[Event]:
-    """A scene's collisions during the video, with the ids of the tracks of the same names; others are left out."""
+    """Collisions of a scene during the video, with the ids of the tracks. Objects are matched by name.
+
+    Collisions of objects without a track are left out.
+    """
     ids = {t.object.name: t.object.id for t in tracks.tracks}
     events = []
     for event in scene.events:

@@ -1,4 +1,4 @@
-"""A video with interventions beside the same without: the two rollouts of an explanation, compared."""
+"""A comparison of two rollouts of an explanation: one with interventions, one without."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,16 +19,16 @@ from nsdr.world.camera import Camera
 
 
 def simulate(explanation: Explanation, interventions: Sequence[Intervention], from_frame: int = 0) -> Simulation:
-    """What happens with interventions, and without them.
+    """Simulate a video with interventions and without them.
 
     Args:
-        explanation: of a video.
+        explanation: explanation of the video.
         interventions: changes of the scene, all at `from_frame`.
-        from_frame: a frame of the video.
+        from_frame: frame of the video at which the interventions happen.
 
     Raises:
-        DataError: no or several objects fit the words, an intervention is impossible (says why with the numbers), or the
-            backend cannot make it: networks only remove one object from frame 0.
+        DataError: no object or several objects fit the words, an intervention is impossible (the message has the numbers), or
+            the backend does not support it: networks can only remove one object from frame 0.
     """
     n_frames, old = explanation.n_frames, explanation.objects
     changes = resolve(interventions, old, explanation.observed.visible[:, :n_frames], from_frame)
@@ -41,7 +41,7 @@ def simulate(explanation: Explanation, interventions: Sequence[Intervention], fr
     placed = {i for i, change in zip(ids, changes, strict=True) if isinstance(change, Remove | Move | Add)}
 
     def happens(event: Event, first: int) -> bool:
-        """Not that an intervention puts an object there or takes it away."""
+        """Whether an event is more than an intervention that puts its first object there or takes it away."""
         return event.kind == "collision" or event.frame != from_frame or first not in placed
 
     kept = [o.id for o in objects if from_frame > 0 or o.id not in removed]
@@ -63,7 +63,7 @@ def simulate(explanation: Explanation, interventions: Sequence[Intervention], fr
 
 
 def _with_absent(rollout: Rollout, extra: int) -> Rollout:
-    """The rollout with a number of further objects that are absent."""
+    """The rollout with `extra` further objects, which are absent in every frame."""
     speed, yaw = rollout.speed_world_per_s, rollout.yaw
     return replace(
         rollout,
@@ -76,7 +76,7 @@ def _with_absent(rollout: Rollout, extra: int) -> Rollout:
 
 
 def padded(values: NDArray[Any], extra: int, value: float | bool) -> NDArray[Any]:
-    """(n, …) values with a number of further rows that hold one value."""
+    """Values (n, …) followed by `extra` rows filled with `value`: (n + extra, …)."""
     return np.concatenate([values, np.full((extra, *values.shape[1:]), value, values.dtype)])
 
 
@@ -87,7 +87,7 @@ def _events(rollout: Rollout) -> tuple[Event, ...]:
 def _scene(
     objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept: Sequence[int], camera: Camera | None
 ) -> Scene:
-    """The scene of a rollout with some of its objects, renumbered."""
+    """The scene of the objects of a rollout that are in `kept`, renumbered from 0."""
     new = {old: i for i, old in enumerate(kept)}
 
     def renumbered(event: Event) -> Event:

@@ -1,8 +1,8 @@
-"""Free sliding: the law of deceleration in closed form, and fits of it to stretches of a track; compiled by Numba.
+"""Free sliding: the law of deceleration in closed form, and its fit to stretches of a track. Compiled by Numba.
 
-CLEVRER's objects slide in straight lines and lose a + b v + c v² of their speed per second: a is friction times gravity (none
-for spheres), b and c are Bullet's damping. The law's integral is a tangent for cubes and cylinders, and an exponential for
-spheres. Speeds come more exactly from such a fit than from differences of positions.
+CLEVRER's objects slide in straight lines, and their speed v changes by dv/dt = -(a + k v + k v²), where a is friction times
+gravity (0 for spheres) and k is Bullet's linear damping. The solution is a tangent for cubes and cylinders, and an exponential
+for spheres. A fit of this law gives more exact speeds than differences of positions.
 """
 
 import numpy as np
@@ -13,17 +13,17 @@ from nsdr.world.physics_constants import FRAME_SECONDS, LINEAR_DAMPING, SLIDING_
 from nsdr.world.vocabulary import SHAPES
 
 MAX_SPEED_WORLD_PER_S = 6.0
-"""Fastest speed, also of what going back in time leads to; twice CLEVRER's fastest start."""
+"""Upper limit of speeds, also when motion is traced back in time (world units/s); twice CLEVRER's fastest initial speed."""
 NOISE_WORLD = 0.01
-"""Residuals beyond three times this noise are weighted down."""
+"""Noise of positions (world units). Residuals above three times this value are weighted down."""
 ROUNDS = 8
-"""Reweighted least-squares rounds of a fit."""
+"""Rounds of iteratively reweighted least squares in a fit."""
 MIN_WEIGHT = 1e-3
-"""Least weight of a position in a fit, so that it is never singular."""
+"""Smallest weight of a position in a fit, so that the fit is never singular."""
 _MIN_SPEED_WORLD_PER_S = 1e-9
-"""Slower bodies are at rest."""
+"""Bodies slower than this are at rest (world units/s)."""
 _MIN_SPREAD = 1e-12
-"""Weighted squares of seconds below this tell no speed."""
+"""If the weighted sum of squared times from their mean is below this, the speed is unknown and set to 0 (s²)."""
 _SPHERE = SHAPES.index("sphere")
 _ROOT = np.sqrt(4 * SLIDING_DECELERATION * LINEAR_DAMPING - LINEAR_DAMPING**2)
 _REST_ANGLE = np.arctan(LINEAR_DAMPING / _ROOT)
@@ -33,12 +33,12 @@ _MAX_RATIO = MAX_SPEED_WORLD_PER_S / (1 + MAX_SPEED_WORLD_PER_S)
 
 @cached_njit
 def slide_one(shape, speed, seconds):  # type: ignore[no-untyped-def]
-    """Distance slid (world units) and speed afterwards (world units/s), and the derivatives of both by the speed before.
+    """Distance slid (world units), final speed (world units/s), and the derivatives of both with respect to the initial speed.
 
     Args:
         shape: index into `nsdr.world.vocabulary.SHAPES`.
-        speed: at time 0 (world units/s).
-        seconds: positive for later and negative for earlier.
+        speed: speed at time 0 (world units/s).
+        seconds: time, positive for later and negative for earlier.
     """
     k = LINEAR_DAMPING
     if speed < _MIN_SPEED_WORLD_PER_S:
@@ -64,16 +64,17 @@ def slide_one(shape, speed, seconds):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def _slide_all(shape, speed, seconds, distance, final):  # type: ignore[no-untyped-def]
+    """Write the distances slid (N,) and the final speeds (N,) for speeds (N,) and times (N,) to `distance` and `final`."""
     for k in range(len(speed)):
         distance[k], final[k], _, _ = slide_one(shape, min(speed[k], MAX_SPEED_WORLD_PER_S), seconds[k])
 
 
 def slide(shape: str, speed: FloatArray, seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distance that freely sliding objects cover (world units), and their speed afterwards (world units/s).
+    """Distance that freely sliding objects cover (world units), and their final speed (world units/s).
 
     Args:
         shape: "cube", "sphere" or "cylinder".
-        speed: at time 0 (world units/s): (N, …), or a scalar.
+        speed: (N, …) speeds at time 0 (world units/s), or a scalar.
         seconds: simulated time, positive for later and negative for earlier; broadcast against `speed`.
     """
     speed, seconds = np.broadcast_arrays(np.asarray(speed, float), np.asarray(seconds, float))
@@ -84,7 +85,7 @@ def slide(shape: str, speed: FloatArray, seconds: FloatArray) -> tuple[FloatArra
 
 @cached_njit
 def _line(seconds, location, lag, weight):  # type: ignore[no-untyped-def]
-    """Position and velocity (4,) at second 0 of the weighted least-squares line through positions (N, 2) minus `lag` (N, 2)."""
+    """Position and velocity (4,) at second 0 on the weighted least-squares line through `location` - `lag` (N, 2)."""
     total, first, second = 0.0, 0.0, 0.0
     sums = np.zeros((2, 2))
     for t in range(len(seconds)):
@@ -106,16 +107,16 @@ def _line(seconds, location, lag, weight):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def slide_roughly(shape, speed, seconds, extra, onset, end):  # type: ignore[no-untyped-def]
-    """Distances slid (N,) and speeds afterwards (N,) where another ground slows down for a while, in steps of a frame.
+def slide_on_ground(shape, speed, seconds, extra, onset, end):  # type: ignore[no-untyped-def]
+    """Distances slid (N,) and final speeds (N,) on a ground whose deceleration differs for a while, in time steps of a frame.
 
     Args:
         shape: index into `nsdr.world.vocabulary.SHAPES`.
-        speed: at second 0 (world units/s).
-        seconds: (N,) in ascending order.
-        extra: how much more than CLEVRER's ground the other one slows down, or less (world units/s²).
-        onset: when the other ground starts (s, 0 or more).
-        end: and ends (s, `onset` or later).
+        speed: speed at second 0 (world units/s).
+        seconds: (N,) times in ascending order.
+        extra: deceleration from `onset` to `end` in addition to that on CLEVRER's ground (world units/s²); may be negative.
+        onset: start of the additional deceleration (s, 0 or more).
+        end: end of the additional deceleration (s, `onset` or later).
     """
     distances, speeds = np.empty(len(seconds)), np.empty(len(seconds))
     law = 0.0 if shape == _SPHERE else SLIDING_DECELERATION
@@ -137,12 +138,12 @@ def slide_roughly(shape, speed, seconds, extra, onset, end):  # type: ignore[no-
 
 
 @cached_njit
-def fit_one(shape, seconds, location, weight):  # type: ignore[no-untyped-def]
-    """Robust fit of free sliding: position and velocity (4,) at second 0, and the distances (N,) of the positions from it.
+def fit_sliding(shape, seconds, location, weight):  # type: ignore[no-untyped-def]
+    """Fit free sliding robustly: position and velocity (4,) at second 0, and the residuals (N,), distances from the fit.
 
     Args:
         shape: index into `nsdr.world.vocabulary.SHAPES`.
-        seconds: (N,) of the positions, in ascending order.
+        seconds: (N,) times of the positions in ascending order.
         location: (N, 2) measured positions (world units).
         weight: (N,) weight of each position, 0-1.
     """
@@ -150,7 +151,7 @@ def fit_one(shape, seconds, location, weight):  # type: ignore[no-untyped-def]
     motion, lag, residual, weights = np.zeros(4), np.zeros((n, 2)), np.empty(n), np.maximum(weight, MIN_WEIGHT)
     for _ in range(ROUNDS):
         speed = np.sqrt(motion[2] ** 2 + motion[3] ** 2)
-        for t in range(n):  # how far the law falls short of constant velocity; the first round fits a straight line
+        for t in range(n):  # lag: displacement minus that at constant velocity; 0 in the first round
             distance = slide_one(shape, min(speed, MAX_SPEED_WORLD_PER_S), seconds[t])[0]
             share = distance / speed - seconds[t] if speed > _MIN_SPEED_WORLD_PER_S else 0.0
             lag[t, 0], lag[t, 1] = share * motion[2], share * motion[3]

@@ -1,10 +1,10 @@
-"""Tracks smoothed by physics: speeds, and entrance and exit frames, once the collisions are known.
+"""Smoothing of tracks by physics, which gives speeds, and the frames of entrances and exits, once the collisions are known.
 
-Between its collisions every object slides freely, so each stretch of a track is fitted by the law of
-`nsdr.dynamics.sliding`. Fitted motions meet the image's border: an object enters when the first bit of its outline crosses it,
-some frames before it is detected. At the left, right and bottom borders the leading side of its box is measured; the fitted
-outline is shifted to it, because a cube's yaw is not known and fits are off by some pixels where objects are near. At the top
-border objects are far away: fits are better there than masks.
+Between its collisions every object slides freely, so the law of `nsdr.dynamics.sliding` is fitted to each stretch of a track.
+An object enters when the first part of its outline crosses the image border, some frames before it is detected. These frames
+follow from the fitted motion. At the left, right and bottom borders the fitted outline is shifted to the measured leading side
+of the box, because the yaw of a cube is not known and fits are off by some pixels where objects are near. At the top border,
+objects are far away and fits are better than masks.
 """
 
 from collections.abc import Sequence
@@ -25,39 +25,42 @@ from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 
 MIN_STRETCH_FRAMES = 4
-"""Stretches whose detections reach over less than this get no speed (frames). Like the next, set on left-out scenes of
+"""Stretches whose detections span fewer frames than this are not fitted. Set, like `MAX_RESIDUAL_WORLD`, on left-out scenes of
 `train`."""
 MAX_RESIDUAL_WORLD = 0.04
-"""Stretches whose median residual is larger hide a collision and are not fitted (world units)."""
+"""A stretch with a larger median residual contains an unknown collision, and its fit is not used (world units)."""
 LEFT, TOP, RIGHT, BOTTOM = range(4)
-"""Sides of a box."""
+"""Indices of the sides of a box."""
 SIDE_SHIFT_PX = (0.45, -0.4, -0.47)
-"""Added to how far a measured side is inside the left, right and bottom border (pixels): what the side of a mask lacks to the
-true outline's. `python benchmarks/objects.py --shifts --every 5 --first 1 --scenes 800` prints it, for `train`."""
+"""Corrections of the depth of a measured side inside the left, right and bottom borders (pixels): the difference between the
+sides of the true outline and of the mask. Measured on `train` by `python benchmarks/objects.py --shifts --every 5 --first 1
+--scenes 800`."""
 TOP_SHIFT_PX = {"cube": 0.64, "cylinder": 1.47, "sphere": 0.42}
-"""The same for the fitted outline at the top border (pixels)."""
+"""Corrections of the depth of the fitted outline inside the top border (pixels), measured by the same command."""
 LEVEL_SAMPLES, TREND_SAMPLES, MAX_SAMPLE_FRAMES = 2, 10, 30
-"""Detections that what a fitted side lacks, and its trend, are measured on; the largest number of frames to the track's end."""
+"""The difference between a measured and a fitted side is extrapolated from its mean over the `LEVEL_SAMPLES` detections nearest
+to the end of a track and its trend over the nearest `TREND_SAMPLES`, all at most `MAX_SAMPLE_FRAMES` frames from the end."""
 TREND_RIDGE_FRAMES2 = 50.0
-"""Added to the frames' sum of squares in the trend's regression (frames²): the trend of few detections counts little."""
+"""Ridge of the regression for the trend (frames²), which shrinks a trend that is based on few detections."""
 CUBE_YAW = 0.4
-"""Yaw (radians) assumed for cubes whose yaw is not known, relative to the line of sight where that matters: it gives about
-their mean width."""
+"""Yaw assumed for cubes whose yaw is not known (radians): at this angle to the line of sight, they have about their mean
+width."""
 MARGIN_WORLD = 3 * OBJECT_RADIUS_WORLD
-"""Objects whose centre is further outside the image, or nearer to the camera, are not in the image (world units)."""
+"""An object whose centre is further outside the image than this, or nearer to the camera, is not in the image (world units)."""
 OUTSIDE_WORLD = -99.0
-"""Coordinate given to objects whose position is not known: behind the camera, so in no image."""
+"""Coordinate of objects whose position is not known: behind the camera, so never in the image (world units)."""
 
 
 @dataclass(frozen=True)
 class SmoothedTracks:
-    """Fitted motion during the video, and how much each stretch of it is based on.
+    """Fitted motion during the video, with the stretches it consists of.
 
     Attributes:
-        location_world: (n, F, 2) fitted positions, also before and after an object was detected; NaN where nothing fits.
-        velocity_world_per_s: (n, F, 2), NaN where nothing fits.
-        visible: (n, F) bool, in the image as CLEVRER's annotations count it.
-        stretches: of each object, as (first frame, frame after the last, stretch), where one fits.
+        location_world: (n, F, 2) fitted positions, also before and after an object was detected (world units); NaN where no fit
+            is good.
+        velocity_world_per_s: (n, F, 2) fitted velocities; NaN where no fit is good.
+        visible: (n, F) bool, whether the object is in the image by the definition of CLEVRER's annotations.
+        stretches: the fitted stretches of each object as tuples (first frame, frame after the last, stretch).
     """
 
     location_world: FloatArray
@@ -67,7 +70,7 @@ class SmoothedTracks:
 
 
 def smooth_tracks(states: MotionStates, collisions: Sequence[Event]) -> SmoothedTracks:
-    """Fit all stretches of the tracks between the collisions during the video."""
+    """Fit free sliding to each track between its collisions during the video."""
     n, frames = states.present.shape
     location, velocity = np.full((n, frames, 2), np.nan), np.full((n, frames, 2), np.nan)
     visible = np.zeros((n, frames), bool)
@@ -80,14 +83,14 @@ def smooth_tracks(states: MotionStates, collisions: Sequence[Event]) -> Smoothed
             stretch = _stretch(states, i, after_collision, end, before_first_collision=k == 0)
             if stretch is not None:
                 every = np.arange(start, end)
-                location[i, start:end], velocity[i, start:end] = stretch.place(every), stretch.velocity(every)
+                location[i, start:end], velocity[i, start:end] = stretch.position_at(every), stretch.velocity_at(every)
                 stretches[i].append((start, end, stretch))
         visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i], states.camera)
     return SmoothedTracks(location, velocity, visible, tuple(tuple(one) for one in stretches))
 
 
 def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
-    """The observed rollout with the fitted speeds and visibility of the video's frames."""
+    """The rollout of the video with fitted speeds and visibility in the frames of the video."""
     n_frames = smoothed.visible.shape[1]
     visible = np.concatenate([smoothed.visible, rollout.visible[:, n_frames:]], 1)
     speed = np.full(visible.shape, np.nan)
@@ -96,7 +99,7 @@ def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
 
 
 def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: Camera) -> BoolArray:
-    """(n, F) bool: in which frames objects at positions (n, F, 2) are in the image; NaN is not."""
+    """(n, F) bool, whether objects at positions (n, F, 2) are in the image; False where a position is NaN."""
     yaw = np.full(location_world.shape[1], CUBE_YAW)
     known = np.nan_to_num(location_world, nan=OUTSIDE_WORLD)
     if not len(shapes):
@@ -105,7 +108,7 @@ def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: 
 
 
 def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_collision: bool) -> Stretch | None:
-    """The stretch of an object between two frames; None where no fit is good."""
+    """The stretch of object i from frame `start` up to, not including, `end`; None if no fit is good."""
     last = end if end == states.n_frames else end - COLLISION_MARGIN_FRAMES
     detected = np.flatnonzero(states.detected[i, start:last]) + start
     if len(detected) < detections_in(MIN_STRETCH_FRAMES, states.spacing_frames):
@@ -128,17 +131,17 @@ def frames_in_image(
     box_xyxy_px: FloatArray,
     camera: Camera = CLEVRER_CAMERA,
 ) -> BoolArray:
-    """Frames of a track, and those before and after it in which the fitted outline is in the image.
+    """Frames in which an object is in the image: those of its track, and those around it with the fitted outline in the image.
 
     Args:
         shape: "cube", "sphere" or "cylinder".
-        location_world: (F, 2) fitted positions; NaN where nothing fits.
-        detected: (F,) bool.
+        location_world: (F, 2) fitted positions (world units); NaN where no fit is good.
+        detected: (F,) bool, whether the object was detected.
         box_xyxy_px: (F, 4) boxes of the detections.
         camera: the camera that took the video.
 
     Returns:
-        (F,) bool.
+        (F,) bool, whether the object is in the image.
     """
     visible = np.zeros(len(detected), bool)
     seen = np.flatnonzero(detected)
@@ -164,27 +167,28 @@ def border_depths(
     box_xyxy_px: FloatArray,
     camera: Camera = CLEVRER_CAMERA,
 ) -> FloatArray:
-    """How far the outline's leading side is inside each border, before `SIDE_SHIFT_PX` and `TOP_SHIFT_PX` are added.
+    """Depth of the leading side of the outline inside each border, without `SIDE_SHIFT_PX` and `TOP_SHIFT_PX`.
 
     Args:
-        shape: as in `frames_in_image`, like the other arrays.
-        location_world: (F, 2).
-        wanted: (W,) frames.
-        detected: (F,).
-        end: first or last detected frame; the leading sides are measured in the detections next to it.
-        box_xyxy_px: (F, 4).
-        camera: as in `frames_in_image`.
+        shape: "cube", "sphere" or "cylinder".
+        location_world: (F, 2) fitted positions (world units); NaN where no fit is good.
+        wanted: (W,) frames for which the depths are computed.
+        detected: (F,) bool, whether the object was detected.
+        end: first or last detected frame; the leading sides are measured in the detections nearest to it.
+        box_xyxy_px: (F, 4) boxes of the detections.
+        camera: the camera that took the video.
 
     Returns:
-        (W, 4) for the left, top, right and bottom border (pixels); NaN where a position is not known or far from the image.
+        (W, 4) depths inside the left, top, right and bottom borders (pixels); NaN where a position is not known or is far
+        outside the image.
     """
     near = np.flatnonzero(detected)
     near = near[np.abs(near - end) <= MAX_SAMPLE_FRAMES]
     near = near[np.argsort(np.abs(near - end), kind="stable")][:TREND_SAMPLES]
     after = near - end
     sides, seen = (_outline_sides(shape, location_world[frames], camera) for frames in (wanted, near))
-    # Sides that another object may hide count, too: without them, fits of objects that are cut all the time go far astray.
-    for side in (LEFT, TOP, RIGHT):  # the bottom side leads at the top border, where masks are worse than fits
+    # Sides that another object may hide are used, too: without them, fits of objects that are always cut go far astray.
+    for side in (LEFT, TOP, RIGHT):  # BOTTOM leads at the top border, where masks are worse than fits
         lack = box_xyxy_px[near, side] - seen[:, side]
         usable = np.isfinite(lack)
         sides[:, side] += _continued(after[usable], lack[usable], wanted - end)
@@ -192,7 +196,16 @@ def border_depths(
 
 
 def _continued(after: NDArray[np.integer[Any]], lack: FloatArray, wanted_after: NDArray[np.integer[Any]]) -> FloatArray:
-    """What a fitted side lacks (W,) at other frames, from the detections (N,), nearest first; frames count from the end."""
+    """Extrapolate the difference between a measured and a fitted side (pixels).
+
+    Args:
+        after: (N,) frames of the detections relative to the end of the track, the nearest first.
+        lack: (N,) measured minus fitted side in these frames (pixels).
+        wanted_after: (W,) frames relative to the end of the track.
+
+    Returns:
+        (W,) differences in the wanted frames (pixels).
+    """
     if not len(lack):
         return np.zeros(len(wanted_after))
     centred = after - after.mean()
@@ -201,7 +214,10 @@ def _continued(after: NDArray[np.integer[Any]], lack: FloatArray, wanted_after: 
 
 
 def _outline_sides(shape: str, location_world: FloatArray, camera: Camera) -> FloatArray:
-    """Left, top, right and bottom (N, 4) of outlines in pixels; NaN where a position is not known or far from the image."""
+    """Left, top, right and bottom (N, 4) of the outlines of an object at positions (N, 2) (pixels).
+
+    They are NaN where a position is not known or is far from the image.
+    """
     centre = on_ground(location_world)
     sides = np.full((len(centre), 4), np.nan)
     with np.errstate(invalid="ignore"):

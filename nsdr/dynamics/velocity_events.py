@@ -1,4 +1,4 @@
-"""Collisions from changes of velocity alone: the paper's variant "no events" (NE), for any backend's rollouts."""
+"""Collisions detected from changes of velocity alone in the rollouts of any backend: the paper's variant "no events" (NE)."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,16 +15,16 @@ from nsdr.types.interventions import Intervention
 from nsdr.world.camera import CLEVRER_CAMERA, Camera, grid_from_pixels, on_ground
 
 SAMPLE_STRIDE_FRAMES = 5
-"""Frames between the samples that the rule reads, as in the released files."""
+"""Frames between two samples that the velocity rule reads, as in the released files."""
 LEAD_FRAMES = 20
-"""Last frames of the video that the search for collisions after it starts from."""
+"""The search for collisions after the video starts this many frames before its end, to know the velocities there."""
 
 
 class VelocityEvents:
-    """A backend whose collisions are all detected from motion: the video's from the tracks, the others from its rollouts.
+    """A backend whose collisions are all detected from motion: those of the video from tracks, all others from rollouts.
 
     Args:
-        backend: predicts motion, given the video's collisions as far as they are detected.
+        backend: backend that predicts motion, given the collisions detected in the video.
     """
 
     def __init__(self, backend: Dynamics) -> None:
@@ -42,21 +42,25 @@ class VelocityEvents:
             self.backend.save_pretrained(folder)
 
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
-        """Explain the motion with collisions where it changes; see `nsdr.dynamics.Dynamics`."""
+        """Explain the motion, with collisions where velocities change; see `nsdr.dynamics.Dynamics`."""
         seen = Rollout(states.location_world, states.present, ())
         before = collisions_from_motion(seen, states.camera) if collisions is None else tuple(collisions)
         return _VelocityExplanation(self.backend.explain(states, before), before)
 
 
 class _VelocityExplanation(Explanation):
-    """Rollouts of another explanation, with collisions where their motion changes."""
+    """The rollouts of another explanation, with collisions where velocities change in them."""
 
     def __init__(self, motion: Explanation, before: tuple[Event, ...]) -> None:
         super().__init__(motion.objects, motion.n_frames, motion.camera, motion.physics)
         self._motion, self._before = motion, before
 
     def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
-        """The other explanation's rollout, and what its motion shows; raises `DataError` as that does."""
+        """The rollout of the other explanation, with collisions detected from its motion.
+
+        Raises:
+            DataError: the other explanation cannot make these changes.
+        """
         rollout = self._motion.run(changes, from_frame, frames)
         if changes:
             return replace(rollout, collisions=collisions_from_motion(rollout, self.camera), uncertain=None)
@@ -68,7 +72,7 @@ class _VelocityExplanation(Explanation):
 
 
 def collisions_from_motion(rollout: Rollout, camera: Camera = CLEVRER_CAMERA) -> tuple[Event, ...]:
-    """Collisions of one rollout by the released executor's rule, each pair once, by frame."""
+    """Collisions in a rollout by the velocity rule of the released executor, at most one for each pair, in order of frames."""
     n, frames = rollout.visible.shape
     grid = grid_from_pixels(camera.pixels(on_ground(rollout.location_world)))
     shown = rollout.visible & np.isfinite(grid).all(-1)

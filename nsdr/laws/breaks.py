@@ -14,7 +14,7 @@ import numpy as np
 
 from nsdr.dynamics.motion_states import UNRELIABLE_WEIGHT, MotionStates
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.sliding import fit_one
+from nsdr.dynamics.sliding import fit_sliding
 from nsdr.laws.stretches import CUT_GAIN, MIN_PART_POSITIONS, Positions, TrackStretch, costs
 from nsdr.validation import FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -78,7 +78,9 @@ class Break:
         """When both are nearest to each other, between their positions or a frame beside them."""
         low, high = self.before.last - 1, self.after.start + 1
         frames = np.linspace(low, high, 4 * (high - low) + 1)
-        return float(frames[np.linalg.norm(self.before.place(frames) - self.after.place(frames), axis=1).argmin()])
+        return float(
+            frames[np.linalg.norm(self.before.position_at(frames) - self.after.position_at(frames), axis=1).argmin()]
+        )
 
     @cached_property
     def seen(self) -> tuple[int, int]:
@@ -101,7 +103,7 @@ class Break:
         """Frames at which it may happen, half a frame apart: around where both stretches meet, or while it is not seen."""
         low, high, margin = float(self.seen[0]), float(self.seen[1]), MAX_MARGIN_FRAMES
         if self.hidden_frames <= SEEN_GAP_FRAMES:
-            error = self.place_variance**0.5 / max(float(np.hypot(*self.change)) * FRAME_SECONDS, 1e-9)
+            error = self.position_variance**0.5 / max(float(np.hypot(*self.change)) * FRAME_SECONDS, 1e-9)
             low, high, margin = self.frame, self.frame, MIN_MARGIN_FRAMES + min(3 * error, MAX_MARGIN_FRAMES)
         low, high = min(low, self.frame) - margin, max(high, self.frame) + margin
         return np.linspace(low, high, 2 + round(2 * (high - low)))
@@ -114,25 +116,25 @@ class Break:
     @cached_property
     def place(self) -> FloatArray:
         """(2,) where it happens (world units)."""
-        return np.asarray(self.before.place(np.array([self.frame]))[0])
+        return np.asarray(self.before.position_at(np.array([self.frame]))[0])
 
     @cached_property
     def change(self) -> FloatArray:
         """(2,) change of the velocity (world units/s)."""
         at = np.array([self.frame])
-        return np.asarray((self.after.velocity(at) - self.before.velocity(at))[0])
+        return np.asarray((self.after.velocity_at(at) - self.before.velocity_at(at))[0])
 
     @property
-    def place_variance(self) -> float:
+    def position_variance(self) -> float:
         """Variance of each coordinate of the difference of the places before and after it (world units²)."""
         at = np.array([self.frame])
-        return float(sum(s.place_variance(at, s.track.noise)[0] for s in (self.before, self.after)))
+        return float(sum(s.position_variance(at, s.track.noise)[0] for s in (self.before, self.after)))
 
     def jump(self) -> MotionChange:
         """The change of the place."""
-        size = float(np.hypot(*(self.after.place(np.array([self.frame]))[0] - self.place)))
+        size = float(np.hypot(*(self.after.position_at(np.array([self.frame]))[0] - self.place)))
         noise = HIDDEN_NOISE_WORLD if self.hidden_frames > JUMP_FRAMES else PLACE_NOISE_WORLD[self.before.shape]
-        return MotionChange(size, size**2 / (2 * (self.place_variance + noise**2)))
+        return MotionChange(size, size**2 / (2 * (self.position_variance + noise**2)))
 
     def kick(self) -> MotionChange:
         """The change of the velocity."""
@@ -235,7 +237,7 @@ def _best_cut(shape, seconds, location, weight, noise, least):  # type: ignore[n
         total = 0.0
         for side in range(2):
             part = slice(0, k) if side == 0 else slice(k, len(seconds))
-            residual = fit_one(shape, seconds[part] - seconds[part][0], location[part], weight[part])[1]
+            residual = fit_sliding(shape, seconds[part] - seconds[part][0], location[part], weight[part])[1]
             total += costs(residual**2, weight[part], noise).sum()
         if total < cost:
             best, cost = k, total

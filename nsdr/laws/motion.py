@@ -325,12 +325,12 @@ def _is_opposite(one: Break, other: Break) -> bool:
 
 def _distance(one: TrackStretch, other: TrackStretch, frames: FloatArray) -> FloatArray:
     """(F,) between the centres of two objects (world units)."""
-    return np.asarray(np.linalg.norm(one.place(frames) - other.place(frames), axis=1))
+    return np.asarray(np.linalg.norm(one.position_at(frames) - other.position_at(frames), axis=1))
 
 
 def _distance_variance(one: TrackStretch, other: TrackStretch, frames: FloatArray) -> FloatArray:
     """(F,) variance of that distance, and of the one at which they touch (world units²)."""
-    mine, others = (s.place_variance(frames, s.track.noise) for s in (one, other))
+    mine, others = (s.position_variance(frames, s.track.noise) for s in (one, other))
     return mine + others + REACH_NOISE_WORLD**2
 
 
@@ -342,8 +342,8 @@ def _exchange(mine: Sequence[TrackStretch], other: Sequence[TrackStretch], frame
     `MASS_RANGE`.
     """
     at = np.array([frame])
-    p, q = mine[0].place(at)[0], other[0].place(at)[0]
-    (before, after), (other_before, other_after) = ([s.velocity(at)[0] for s in pair] for pair in (mine, other))
+    p, q = mine[0].position_at(at)[0], other[0].position_at(at)[0]
+    (before, after), (other_before, other_after) = ([s.velocity_at(at)[0] for s in pair] for pair in (mine, other))
     change, other_change = after - before, other_after - other_before
     variance, other_variance = (
         sum((s.velocity_variance(s.track.noise) for s in pair), VELOCITY_NOISE[pair[0].shape] ** 2)

@@ -63,8 +63,8 @@ def _should_be_seen(motion: PiecewiseMotion, i: int, frame: int) -> bool:
     states = motion.states
     near = min(motion.stretches[i], key=lambda s: max(s.start - frame, frame - s.last))
     at = np.array([frame])
-    place = near.place(at)[0]
-    if near.place_variance(at, motion.noise)[0] > MAX_UNKNOWN_WORLD**2:
+    place = near.position_at(at)[0]
+    if near.position_variance(at, motion.noise)[0] > MAX_UNKNOWN_WORLD**2:
         return False
     shape = states.objects[i].shape
     if not in_image(shape, on_ground(place[None]), np.zeros(1), states.camera)[0]:
@@ -94,7 +94,7 @@ def _takes_place(motion: PiecewiseMotion, new: int, old: int) -> bool:
     if first.start == 0 or near is None or motion.states.detected[old, shown].any():
         return False
     at = np.array([first.start])
-    return bool(np.hypot(*(near.place(at) - first.place(at))[0]) < PLACE_WORLD)
+    return bool(np.hypot(*(near.position_at(at) - first.position_at(at))[0]) < PLACE_WORLD)
 
 
 def _replaced(motion: PiecewiseMotion, found: list[Evidence]) -> list[Evidence]:

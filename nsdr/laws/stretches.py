@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.stretch import CLEVRERS_GROUND, Ground, Stretch, fit_stretch, place
+from nsdr.dynamics.stretch import CLEVRERS_GROUND, Ground, Stretch, fit_stretch, sliding_positions
 from nsdr.validation import FloatArray
 from nsdr.world.physics_constants import FRAME_SECONDS
 
@@ -95,7 +95,7 @@ class Positions:
 
         def error(values: FloatArray) -> FloatArray:
             """Whose squares are twice the cost."""
-            off = location - place(self.shape, *unpacked(values), seconds)
+            off = location - sliding_positions(self.shape, *unpacked(values), seconds)
             squares = (off**2).sum(1)
             share = np.sqrt(2 * costs(squares, weight, self.noise) / np.maximum(squares, 1e-24))
             return np.asarray((off * share[:, None]).ravel())
@@ -107,7 +107,7 @@ class Positions:
         fits = [least_squares(error, start, bounds=bounds, **LEAST_SQUARES) for start in starts]
         best = min(fits, key=lambda fit: float(fit.cost))
         motion, ground = unpacked(best.x)
-        residual = np.linalg.norm(location - place(self.shape, motion, ground, seconds), axis=1)
+        residual = np.linalg.norm(location - sliding_positions(self.shape, motion, ground, seconds), axis=1)
         return self._stretch(a, b, motion, residual, float(best.cost), ground)
 
     def _stretch(

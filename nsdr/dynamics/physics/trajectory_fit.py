@@ -152,8 +152,8 @@ class _Problem:
             mine = seen[:least]
         reference = float(np.round(np.average(mine, weights=weight[mine])))
         stretch = fit_stretch(states.objects[i].shape, mine, states.location_world[i, mine], weight[mine])
-        begin, velocity = stretch.velocity(np.array([0.0, reference]))
-        position, speed = stretch.place(np.array([reference]))[0], np.hypot(*velocity)
+        begin, velocity = stretch.velocity_at(np.array([0.0, reference]))
+        position, speed = stretch.position_at(np.array([reference]))[0], np.hypot(*velocity)
         fast = bool(np.hypot(*begin) > REST_SPEED_WORLD_PER_S and speed > MIN_SPEED_WORLD_PER_S)
         if len(mine) >= least and fast:
             self.reference[i], self.first[i, VELOCITY] = reference, velocity
