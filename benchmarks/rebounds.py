@@ -16,8 +16,9 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
+from nsdr.dynamics.physics.body_state import VELOCITY
 from nsdr.dynamics.physics.contact_geometry import SPHERE
-from nsdr.dynamics.physics.forces import VELOCITY, approach, drift, slow_down, speed_after
+from nsdr.dynamics.physics.forces import approach, drift, slow_down, speed_after
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.generate.physics.bullet import Body, Simulator
 from nsdr.world.physics_constants import (

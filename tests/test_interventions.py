@@ -20,9 +20,9 @@ from nsdr.cli import simulate as command
 from nsdr.dynamics import StoredExplanation, simulate, states_from_tracks
 from nsdr.dynamics.interventions import find_object, resolve
 from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.physics.body_state import POSITION, VELOCITY
 from nsdr.dynamics.physics.changed_bodies import change_bodies
 from nsdr.dynamics.physics.config import PhysicsConfig
-from nsdr.dynamics.physics.forces import POSITION, VELOCITY
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.pipeline import Pipeline
 from nsdr.types import Track, VideoTracks

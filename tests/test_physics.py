@@ -10,9 +10,9 @@ import torch
 from nsdr import CheckpointError, DataError, DynamicsPrediction, Event, Remove, StatePredictor, states_from_tracks
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
+from nsdr.dynamics.physics.body_state import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.collision_search import CollisionEvidence, closest_gap, log_odds, search_collisions
 from nsdr.dynamics.physics.config import PhysicsConfig
-from nsdr.dynamics.physics.forces import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
 from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
@@ -116,7 +116,10 @@ def test_prescribed_objects_keep_their_motion_until_something_meets_them() -> No
     free = run(TWO, 60)
     alone = run(bodies(("sphere", 3.0, 3.0, 0.0, 0.0), ("cylinder", 0.0, 0.0, 0.0, 0.0)), 60)
     prescribed = PrescribedMotion(
-        np.stack([free.states[0], alone.states[1]]), np.array([0, 59]), np.zeros((0, 3), np.int64)
+        np.stack([free.states[0], alone.states[1]]),
+        np.array([False, True]),
+        np.array([59, 59]),
+        np.zeros((0, 3), np.int64),
     )
     motion = run(TWO, 60, prescribed=prescribed)
     np.testing.assert_allclose(motion.states, free.states, atol=1e-9)
@@ -126,7 +129,7 @@ def test_prescribed_objects_keep_their_motion_until_something_meets_them() -> No
 def test_without_its_partner_a_prescribed_collision_does_not_happen() -> None:
     free = run(TWO, 60)
     hit = int(free.contacts[0, 0, 1])
-    prescribed = PrescribedMotion(free.states, np.array([59, 59]), np.array([[0, 1, hit]]))
+    prescribed = PrescribedMotion(free.states, np.ones(2, bool), np.array([59, 59]), np.array([[0, 1, hit]]))
     both = run(TWO, 60, prescribed=prescribed)
     assert both.contacts[0, 0, 1] == hit
     assert (both.free_from == 59).all()

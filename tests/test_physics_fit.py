@@ -8,21 +8,19 @@ import pytest
 from nsdr import Event
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
+from nsdr.dynamics.physics.body_state import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.collision_search import search_collisions
 from nsdr.dynamics.physics.contact_geometry import CUBE_OUTLINE
+from nsdr.dynamics.physics.cube_edges import EDGES_PX, cube_edges_px, projection_rows
 from nsdr.dynamics.physics.fit_objective import (
     EDGE_NOISE_PX,
-    EDGES_PX,
     LOG_MASS,
     PAIR_REBOUND,
     POSITION_NOISE_WORLD,
     REBOUND,
     ROBUST_SCALE,
-    cube_edges_px,
     evaluate,
-    rows_of,
 )
-from nsdr.dynamics.physics.forces import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate
 from nsdr.dynamics.physics.solver import trust_region_step
 from nsdr.dynamics.physics.trajectory_fit import REBOUND_DEVIATION, _Problem, fit_trajectories
@@ -124,7 +122,7 @@ def test_edges_are_found_from_any_start_of_the_climb() -> None:
     for _ in range(50):
         position, yaw = rng.uniform(-2, 2, 2), float(rng.uniform(-4, 4))
         start = rng.integers(0, len(CUBE_OUTLINE), (2, 2))
-        edges = cube_edges_px(rows_of(CLEVRER_CAMERA), *position, yaw, start, np.empty((2, 3)))
+        edges = cube_edges_px(projection_rows(CLEVRER_CAMERA), *position, yaw, start, np.empty((2, 3)))
         np.testing.assert_allclose(edges, outline_px(position, yaw), atol=1e-6)
 
 

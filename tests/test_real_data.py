@@ -12,7 +12,7 @@ from nsdr.clevrer.files.predictions import read_predictions
 from nsdr.clevrer.files.proposals import read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth
-from nsdr.dynamics.physics.forces import VELOCITY
+from nsdr.dynamics.physics.body_state import VELOCITY
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
 from nsdr.frame_parser.check.reasons import camera_motion

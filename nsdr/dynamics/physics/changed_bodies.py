@@ -1,4 +1,4 @@
-"""Interventions on the simulator's bodies: their state at one frame, changed and checked."""
+"""Interventions on the bodies of the simulator: their states in one frame are changed and checked."""
 
 import math
 from collections.abc import Sequence
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.interventions import changed_ids, with_added
+from nsdr.dynamics.physics.body_state import POSITION, SPIN, STATE_SIZE, VELOCITY
 from nsdr.dynamics.physics.contact_geometry import outline_gap
-from nsdr.dynamics.physics.forces import POSITION, SPIN, VELOCITY
 from nsdr.dynamics.physics.simulator import BodyStates
 from nsdr.errors import DataError
 from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
@@ -19,19 +19,21 @@ from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 from nsdr.world.vocabulary import SHAPES
 
 FROZEN_MASS = 1e9
-"""Relative mass of frozen objects: what hits them rebounds as from a wall."""
+"""Relative mass of frozen objects; other objects rebound from them as from a wall."""
 
 
 @dataclass(frozen=True)
 class ChangedBodies:
-    """The objects of a scene and the added ones, n in all.
+    """The n objects of a scene, including added ones, after interventions.
 
     Attributes:
-        bodies: states at the frame of the interventions.
-        exists: (n,) bool, False for removed objects.
-        simulated: (n,) bool, whose motion is no longer that of the video: set, moved, frozen and added objects.
-        reweighed: (n,) bool, whose mass is changed.
-        exact, exact_mass: (n, 6) and (n,) bool, what of the states and masses the interventions give, so that it has no noise.
+        bodies: the bodies in the frame of the interventions.
+        exists: (n,) bool, whether each object exists; False for removed objects.
+        simulated: (n,) bool, whether the motion of each object differs from the video from that frame on: True for objects that
+            are added, moved, frozen or given a velocity.
+        reweighed: (n,) bool, whether the mass of each object is changed.
+        exact: (n, 6) bool, the entries of the states that interventions set, which have no noise.
+        exact_mass: (n,) bool, the masses that interventions set, which have no noise.
     """
 
     bodies: BodyStates
@@ -43,15 +45,16 @@ class ChangedBodies:
 
 
 def change_bodies(bodies: BodyStates, objects: Sequence[SceneObject], changes: Sequence[Intervention]) -> ChangedBodies:
-    """The bodies with all interventions.
+    """Apply interventions to the bodies.
 
     Args:
-        bodies: of the scene's objects, at the frame of the interventions.
-        objects: the scene's.
-        changes: the interventions, whose `object` is an id.
+        bodies: the bodies of the scene in the frame of the interventions.
+        objects: the objects of the scene.
+        changes: interventions whose `object` is an id.
 
     Raises:
-        DataError: an object would overlap another one, leave the ground or be too fast, or has no direction to keep.
+        DataError: an object would overlap another one, leave the ground or be too fast, or it is at rest and so has no
+            direction to keep.
     """
     everything, ids = with_added(objects, changes), changed_ids(changes, objects)
     n, extra, names = len(everything), len(everything) - len(objects), [o.name for o in everything]
@@ -59,7 +62,12 @@ def change_bodies(bodies: BodyStates, objects: Sequence[SceneObject], changes: S
     state, mass = np.pad(bodies.state, [(0, extra), (0, 0)]), np.pad(bodies.mass, (0, extra), constant_values=1.0)
     simulated, reweighed, exact_mass = np.zeros((3, n), bool)
     changed = ChangedBodies(
-        BodyStates(shape, state, mass), np.ones(n, bool), simulated, reweighed, np.zeros((n, 6), bool), exact_mass
+        BodyStates(shape, state, mass),
+        np.ones(n, bool),
+        simulated,
+        reweighed,
+        np.zeros((n, STATE_SIZE), bool),
+        exact_mass,
     )
     for i, change in zip(ids, changes, strict=True):
         _apply(changed, i, change, names[i])
@@ -72,7 +80,7 @@ def change_bodies(bodies: BodyStates, objects: Sequence[SceneObject], changes: S
 
 
 def _apply(changed: ChangedBodies, i: int, change: Intervention, name: str) -> None:
-    """Change body i in place. Several changes of one object concern different parts of its state, so any order will do."""
+    """Change body i in place. Changes of one object concern different parts of its state, so their order does not matter."""
     state, mass, exact = changed.bodies.state[i], changed.bodies.mass, changed.exact[i]
     changed.simulated[i] |= isinstance(change, SetVelocity | Move | Freeze | Add)
     if isinstance(change, SetMass):
@@ -97,7 +105,7 @@ def _apply(changed: ChangedBodies, i: int, change: Intervention, name: str) -> N
 
 
 def _velocity(change: SetVelocity, now: NDArray[Any], name: str) -> NDArray[Any]:
-    """The velocity (2,) that an intervention gives an object."""
+    """The velocity (2,) of an object after an intervention, given its velocity `now` (2,) before it (world units/s)."""
     if change.vx is not None and change.vy is not None:
         return np.array([change.vx, change.vy])
     speed = float(np.hypot(*now))
@@ -117,7 +125,7 @@ def _velocity(change: SetVelocity, now: NDArray[Any], name: str) -> NDArray[Any]
 
 
 def _check_free(changed: ChangedBodies, i: int, names: Sequence[str]) -> None:
-    """Raise `DataError` where a placed object would overlap another one."""
+    """Raise `DataError` if object i, which was moved or added, would overlap another object."""
     bodies = changed.bodies
     for j in np.flatnonzero(changed.exists).tolist():
         gap = float(outline_gap(bodies.shape, bodies.state, i, j)[0]) if j != i else 0.0

@@ -1,4 +1,4 @@
-"""Which collisions explain a video best: the detector's evidence and that of fitted simulations are added up."""
+"""The search for the collisions that explain a video best, by the evidence of the detector and of fitted simulations."""
 
 import math
 from collections.abc import Sequence
@@ -8,38 +8,39 @@ from typing import NamedTuple
 import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.physics.body_state import POSITION
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.contact_geometry import outline_gap
-from nsdr.dynamics.physics.forces import POSITION
 from nsdr.dynamics.physics.simulator import NO_CONTACT
 from nsdr.dynamics.physics.trajectory_fit import GOOD_COST, TrajectoryFit, fit_trajectories
 from nsdr.types import Event
 
 Pair = tuple[int, ...]
+"""Ids of two objects, the smaller one first."""
 EventSet = frozenset[Event]
-"""Of one video; a pair may collide more than once."""
+"""Collisions of one video. A pair may collide more than once."""
 TRIED_FROM = 0.01
-"""Candidates with a probability between this and 1 minus this are tried both ways; the others are taken as they are."""
+"""Candidates whose probability is between this and 1 - this are tried both ways. The others are accepted or rejected at
+once."""
 BIAS, NETWORK_WEIGHT, GAP_WEIGHT = 0.623, 0.636, -42.6
-"""Weights of a logistic regression on `CollisionEvidence`, fitted on held-out scenes of `train`: `python
+"""Weights of a logistic regression on `CollisionEvidence`, fitted on left-out scenes of `train`: `python
 benchmarks/collisions.py --proposals FILE.npz --truth FILE.json.gz --every 5 --weights` prints them."""
 MAX_LOG_ODDS = 12.0
-"""The network's log-odds are clamped to this: beyond, a probability of 0 or 1 says no more."""
+"""The log-odds of the detector are clamped to ± this value."""
 MAX_GAP_WORLD = 0.3
-"""Gaps are clamped to this (world units)."""
+"""Upper limit to which gaps are clamped (world units)."""
 NEAREST_FRAMES = 3
-"""Frames with the nearest centres in which the gap of outlines is measured."""
+"""Number of frames, those with the nearest centres, in which the gap between outlines is computed."""
 
 
 @dataclass(frozen=True)
 class CollisionEvidence:
-    """What speaks for a collision, given the other collisions of its video.
+    """The evidence for a collision, given the other collisions of the video.
 
     Attributes:
-        network: log-odds of the detector.
-        gap: how close the bodies come in the run fitted with the collision (world units); 0 where they touch. It is weighted by
-            the share 0-1 to which the fit explains the video, 1 / (1 + (cost / `GOOD_COST`)²): one that did not converge says
-            nothing.
+        network: log-odds by the detector.
+        gap: smallest gap between the bodies in the run fitted with the collision (world units; 0 if they touch), times the
+            weight 1 / (1 + (cost / `GOOD_COST`)²). So a fit that did not converge gives no evidence.
     """
 
     network: float
@@ -47,24 +48,30 @@ class CollisionEvidence:
 
     @classmethod
     def of(cls, pair: Pair, probability: float, given: TrajectoryFit) -> "CollisionEvidence":
-        """Of a pair's collision with a probability by the detector, and the fit with it."""
+        """The evidence for a collision of a pair.
+
+        Args:
+            pair: ids of the two objects.
+            probability: probability of the collision by the detector.
+            given: the fit with the collision.
+        """
         return cls(log_odds(probability), closest_gap(given, pair) / (1 + (given.cost / GOOD_COST) ** 2))
 
     @property
     def probability(self) -> float:
-        """Of the collision, by all evidence."""
+        """The probability of the collision by all evidence."""
         odds = BIAS + NETWORK_WEIGHT * self.network + GAP_WEIGHT * self.gap
         return (1 + math.tanh(odds / 2)) / 2
 
 
 def log_odds(probability: float) -> float:
-    """Of a probability, within `MAX_LOG_ODDS`."""
+    """The log-odds of a probability, clamped to ± `MAX_LOG_ODDS`."""
     p = min(max(probability, 1e-12), 1 - 1e-12)
     return min(max(math.log(p / (1 - p)), -MAX_LOG_ODDS), MAX_LOG_ODDS)
 
 
 def closest_gap(fit: TrajectoryFit, pair: Pair) -> float:
-    """Smallest gap of two bodies' outlines during a fitted run (world units), up to `MAX_GAP_WORLD`; 0 where they touch."""
+    """Smallest gap between two outlines in a fitted run (world units), at most `MAX_GAP_WORLD`; 0 if the pair touches."""
     if _meet(fit, pair):
         return 0.0
     two = list(pair)
@@ -75,21 +82,22 @@ def closest_gap(fit: TrajectoryFit, pair: Pair) -> float:
 
 
 def _meet(fit: TrajectoryFit, pair: Pair) -> bool:
+    """Whether a pair touches in a fitted run."""
     return bool(fit.contact[pair] != NO_CONTACT)
 
 
 class CollisionSearch:
-    """Fits of one video with different collisions.
+    """Fits of one video with different sets of collisions.
 
     Args:
-        states: of at least one object.
-        candidates: collisions with their probabilities, in order of time.
-        config: number of trials and restarts.
+        states: motion states of at least one object.
+        candidates: possible collisions with their probabilities, in order of time.
+        config: numbers of trials and restarts.
 
     Attributes:
-        probability: of each candidate, by the detector.
-        uncertain: collisions that are tried both ways, the most uncertain first.
-        probable: collisions that are more probable than not.
+        probability: probability of each candidate by the detector.
+        uncertain: candidates that are tried both ways, the most uncertain first.
+        probable: candidates that are more probable than not.
     """
 
     def __init__(
@@ -107,31 +115,32 @@ class CollisionSearch:
         self._repeated: set[EventSet] = set()
 
     def can_try(self, collisions: EventSet) -> bool:
-        """Whether a fit with these collisions is there already, or may still be made."""
+        """Whether the fit with these collisions exists already, or the number of trials permits another fit."""
         return collisions in self._fits or max(len(self._fits), 1) <= self.config.trials
 
     def fitted(self, collisions: EventSet, near: TrajectoryFit | None = None) -> TrajectoryFit:
-        """The fit with these collisions; where it is new, it starts from `near`, None for a first guess."""
+        """The fit with these collisions. A new fit starts from the fit `near`, or from a first guess if that is None."""
         if collisions not in self._fits:
             self._fits[collisions] = self._fit(collisions, near)
         return self._fits[collisions]
 
     def _fit(self, collisions: EventSet, near: TrajectoryFit | None) -> TrajectoryFit:
+        """Make a new fit."""
         return fit_trajectories(self.states, self.in_order(collisions), self.config.restarts, near)
 
     def in_order(self, collisions: EventSet) -> list[Event]:
-        """The collisions in order of time, those of one frame in the order of the candidates."""
+        """The collisions in order of time; collisions in the same frame keep the order of the candidates."""
         return sorted((event for event in self.probability if event in collisions), key=lambda e: e.frame)
 
     def evidence(self, event: Event, chosen: EventSet) -> CollisionEvidence:
-        """For a collision, given the others among the chosen ones."""
+        """The evidence for a collision, given the other chosen collisions."""
         given, without, pair = chosen | {event}, chosen - {event}, event.objects
         first = self.fitted(chosen)
         if event not in chosen and _meet(first, pair):
             self.fitted(given, first)
         stuck = not _meet(self.fitted(given), pair) and _meet(self.fitted(without), pair)
         if stuck and given not in self._repeated:
-            # The run without the collision makes it all the same, and its rebound alone is not fitted.
+            # The run without the collision has the contact nevertheless; only its rebound is not fitted.
             self._repeated.add(given)
             again = self._fit(given, self.fitted(without))
             if again.cost < self.fitted(given).cost:
@@ -143,10 +152,10 @@ class FoundCollisions(NamedTuple):
     """Result of `search_collisions`.
 
     Attributes:
-        collisions: those of the video, in order of time.
-        fit: the simulation fitted with them.
-        candidates: all candidates with their probabilities: by all evidence for those that were tried both ways, given the
-            others; the detector's for the rest.
+        collisions: the chosen collisions of the video, in order of time.
+        fit: the simulation fitted with the chosen collisions.
+        candidates: all candidates with their probabilities: by all evidence, given the other collisions, for candidates that
+            were tried both ways, and by the detector for the rest.
     """
 
     collisions: list[Event]
@@ -157,13 +166,15 @@ class FoundCollisions(NamedTuple):
 def search_collisions(
     states: MotionStates, candidates: Sequence[tuple[Event, float]], config: PhysicsConfig | None = None
 ) -> FoundCollisions:
-    """Collisions during the video, and the simulation fitted with them.
+    """Find the collisions during a video and the simulation fitted with them.
 
-    Starting from those that are more probable than not, uncertain collisions are added and dropped one by one as long as the
-    evidence, given the others, is for it.
+    The search starts from the candidates that are more probable than not. Uncertain candidates are added or dropped one by one
+    as long as the evidence, given the other collisions, favours the change.
 
     Args:
-        states, candidates, config: see `CollisionSearch`.
+        states: motion states of at least one object.
+        candidates: possible collisions with their probabilities, in order of time.
+        config: numbers of trials and restarts; None for the defaults.
     """
     search = CollisionSearch(states, candidates, config)
     probability = dict(search.probability)

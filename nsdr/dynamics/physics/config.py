@@ -13,20 +13,20 @@ MAX_RUNS = 1000
 
 @dataclass(frozen=True)
 class PhysicsConfig(Settings):
-    """How a video is explained by fits, and how the fitted scene is simulated on.
+    """Settings of the fit to a video and of the simulation that continues it.
 
-    States are as exact as the detections between two collisions allow. Noise levels were set on left-out scenes of `train`;
+    The errors of states follow from the detections between two collisions. Noise levels were set on left-out scenes of `train`;
     `python benchmarks/continued.py` compares them.
 
     Attributes:
-        runs: simulations of each rollout; the first is not perturbed.
-        position_noise_world: error of a detection's position (world units). This and the others are scales of Student's t.
+        runs: number of simulations of each rollout; the first is not perturbed.
+        position_noise_world: error of the position of a detection (world units). All errors are scales of Student's t.
         yaw_noise: error of yaws (radians).
-        mass_noise: error of log masses of objects that were seen to collide; that of others is
+        mass_noise: error of the log masses of objects that were seen to collide; other log masses have the error
             `LOG_MASS_STD`.
-        collision_threshold: share of runs above which a collision counts.
-        seed: of the perturbations.
-        trials: maximum number of fits beside the first, with other collisions.
+        collision_threshold: probability above which a collision counts.
+        seed: seed of the perturbations.
+        trials: maximum number of fits with other collisions, in addition to the first fit.
         restarts: maximum number of restarts of each fit, for each window of frames.
     """
 

@@ -1,8 +1,9 @@
-"""Outlines of CLEVRER's objects seen from above, and the gap between two of them (compiled by Numba)."""
+"""The outlines of CLEVRER's objects seen from above, and the gap between two of them. Compiled by Numba."""
 
 import numpy as np
 
 from nsdr.dynamics.numba_cache import cached_njit
+from nsdr.dynamics.physics.body_state import YAW, X, Y
 from nsdr.world.physics_constants import HULL_MARGIN_WORLD, OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import CUBE_EDGE_WORLD, CUBE_EXPONENT, CUBE_STEPS
 from nsdr.world.vocabulary import SHAPES
@@ -10,24 +11,24 @@ from nsdr.world.vocabulary import SHAPES
 CUBE, SPHERE = SHAPES.index("cube"), SHAPES.index("sphere")
 _HALF, _MARGIN = OBJECT_RADIUS_WORLD, HULL_MARGIN_WORLD
 FLAT = OBJECT_RADIUS_WORLD - CUBE_EDGE_WORLD
-"""Half-length of the flat part of a cube's side (world units)."""
+"""Half the length of the flat part of a side of a cube (world units)."""
 ROUND = OBJECT_RADIUS_WORLD + HULL_MARGIN_WORLD
-"""Radius of spheres and cylinders with Bullet's margin (world units)."""
+"""Radius of spheres and cylinders, including Bullet's margin (world units)."""
 CORNER_WORLD = 0.07
-"""How far a cube's corner extends beyond `ROUND` (world units, rounded up)."""
+"""Distance by which the corners of a cube extend beyond `ROUND` (world units, rounded up)."""
 
 _ANGLES = np.pi / 2 * np.arange(CUBE_STEPS + 1) / CUBE_STEPS
 _ARC = FLAT + CUBE_EDGE_WORLD * np.abs(np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)) ** (2 / CUBE_EXPONENT)
 CUBE_OUTLINE = np.concatenate([_ARC * s for s in ((1, 1), (1, -1), (-1, 1), (-1, -1))])
-"""(28, 2) points of a cube's outline seen from above, arc by arc."""
+"""(28, 2) points on the outline of a cube seen from above, corner by corner (world units)."""
 _INDEX = np.arange(len(CUBE_OUTLINE)).reshape(4, -1)
 CUBE_CYCLE = np.concatenate([_INDEX[0], _INDEX[2, ::-1], _INDEX[3], _INDEX[1, ::-1]])
-"""(28,) indices of these points in the order of their angles."""
+"""(28,) indices of the points of `CUBE_OUTLINE` in the order of their angles."""
 
 
 @cached_njit
 def _cube_gap(x, y):  # type: ignore[no-untyped-def]
-    """Signed distance of a point (in the cube's frame) from the cube's outline, and the outline's normal there."""
+    """Signed distance of a point from the outline of a cube, and the normal of the outline there, in the frame of the cube."""
     ax, ay = abs(x), abs(y)
     if ax <= FLAT or ay <= FLAT:
         if ax > ay:
@@ -53,32 +54,32 @@ def _cube_gap(x, y):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def outline_gap(shape, state, i, j):  # type: ignore[no-untyped-def]
-    """Gap of bodies i and j, the normal from i to j (x, y), and the point (x, y) where they (nearly) touch.
+    """Gap between bodies i and j (world units), the normal from i to j (x, y), and the point (x, y) where they (nearly) touch.
 
     Args:
         shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
-        state: (n, 6) rows (x, y, vx, vy, yaw, spin), of which places and yaws are read (world units, radians).
-        i, j: which two.
+        state: (n, 6) states of the bodies, of which only positions and yaws are read.
+        i, j: indices of the two bodies.
     """
-    dx, dy = state[j, 0] - state[i, 0], state[j, 1] - state[i, 1]
+    dx, dy = state[j, X] - state[i, X], state[j, Y] - state[i, Y]
     if shape[i] != CUBE and shape[j] != CUBE:
         d = max(np.sqrt(dx * dx + dy * dy), 1e-9)
         nx, ny = dx / d, dy / d
-        return d - 2 * ROUND, nx, ny, state[i, 0] + ROUND * nx, state[i, 1] + ROUND * ny
+        return d - 2 * ROUND, nx, ny, state[i, X] + ROUND * nx, state[i, Y] + ROUND * ny
     if shape[i] == CUBE and shape[j] == CUBE:
         best, bx, by, px, py = 1e9, 1.0, 0.0, 0.0, 0.0
         for side in range(2):
-            a, b = (i, j) if side == 0 else (j, i)  # vertices of a against the outline of b
-            ca, sa, cb, sb = np.cos(state[a, 4]), np.sin(state[a, 4]), np.cos(state[b, 4]), np.sin(state[b, 4])
+            a, b = (i, j) if side == 0 else (j, i)  # corners of a against the outline of b
+            ca, sa, cb, sb = np.cos(state[a, YAW]), np.sin(state[a, YAW]), np.cos(state[b, YAW]), np.sin(state[b, YAW])
             for k in range(len(CUBE_OUTLINE)):
                 facing = (ca * CUBE_OUTLINE[k, 0] - sa * CUBE_OUTLINE[k, 1]) * dx + (
                     sa * CUBE_OUTLINE[k, 0] + ca * CUBE_OUTLINE[k, 1]
                 ) * dy
                 if (facing < 0) == (side == 0):
                     continue
-                vx = ca * CUBE_OUTLINE[k, 0] - sa * CUBE_OUTLINE[k, 1] + state[a, 0]
-                vy = sa * CUBE_OUTLINE[k, 0] + ca * CUBE_OUTLINE[k, 1] + state[a, 1]
-                rx, ry = vx - state[b, 0], vy - state[b, 1]
+                vx = ca * CUBE_OUTLINE[k, 0] - sa * CUBE_OUTLINE[k, 1] + state[a, X]
+                vy = sa * CUBE_OUTLINE[k, 0] + ca * CUBE_OUTLINE[k, 1] + state[a, Y]
+                rx, ry = vx - state[b, X], vy - state[b, Y]
                 lx, ly = cb * rx + sb * ry, -sb * rx + cb * ry
                 if max(abs(lx), abs(ly)) - _HALF >= best:
                     continue
@@ -90,11 +91,11 @@ def outline_gap(shape, state, i, j):  # type: ignore[no-untyped-def]
                     px, py = vx, vy
         return best - 2 * _MARGIN, bx, by, px, py
     c, o = (i, j) if shape[i] == CUBE else (j, i)
-    cc, sc = np.cos(state[c, 4]), np.sin(state[c, 4])
-    rx, ry = state[o, 0] - state[c, 0], state[o, 1] - state[c, 1]
+    cc, sc = np.cos(state[c, YAW]), np.sin(state[c, YAW])
+    rx, ry = state[o, X] - state[c, X], state[o, Y] - state[c, Y]
     d, nx, ny = _cube_gap(cc * rx + sc * ry, -sc * rx + cc * ry)
-    wx, wy = cc * nx - sc * ny, sc * nx + cc * ny  # from the cube to the other
-    px, py = state[o, 0] - _HALF * wx, state[o, 1] - _HALF * wy
+    wx, wy = cc * nx - sc * ny, sc * nx + cc * ny  # from the cube to the other body
+    px, py = state[o, X] - _HALF * wx, state[o, Y] - _HALF * wy
     if c != i:
         wx, wy = -wx, -wy
     return d - _HALF - 2 * _MARGIN, wx, wy, px, py

@@ -1,7 +1,10 @@
-"""The objective of the fit: parameters -> robust cost of the tracks, its gradient and curvature, in one compiled call.
+"""The objective of the fit: the robust cost of the tracks, its gradient and its curvature as functions of the parameters.
 
-The curvature is that of Gauss and Newton. Both are gathered segment by segment: within a segment every residual depends on the
-six numbers of the state at its start, so a segment's data are summed in six dimensions and carried to the parameters once.
+cost = mean over residuals r of ρ(r), where r = √weight · (predicted - measured) / noise
+
+The curvature is the Gauss-Newton approximation of the Hessian. Gradient and curvature are summed segment by segment: within a
+segment, every residual depends on the six numbers of the state s at its start. So the data of a segment are summed as
+derivatives with respect to s, and the chain rule with ∂s/∂parameters (`Bodies.sensitivity`) is applied once per segment.
 """
 
 from typing import NamedTuple
@@ -10,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.physics.contact_geometry import CUBE, CUBE_CYCLE, CUBE_OUTLINE
+from nsdr.dynamics.physics.body_state import SPIN, STATE_SIZE, YAW, X, Y
+from nsdr.dynamics.physics.contact_geometry import CUBE
+from nsdr.dynamics.physics.cube_edges import cube_edges_px
 from nsdr.dynamics.physics.sensitive_run import (
     advance,
     copy_state,
@@ -23,47 +28,39 @@ from nsdr.dynamics.physics.sensitive_run import (
     state_at,
 )
 from nsdr.dynamics.physics.simulator import NO_CONTACT
-from nsdr.world.camera import Camera
-from nsdr.world.physics_constants import FRAME_SECONDS, OBJECT_RADIUS_WORLD, STEP_SECONDS, STEPS_PER_FRAME
+from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS, STEPS_PER_FRAME
 
 MAX_FITTED_REBOUND = 0.8
-"""Largest rebound that a fit can have (Bullet's restitution is 0.64)."""
+"""Largest rebound of a fit, a ratio of separation speed to approach speed (Bullet's coefficient of restitution is 0.64)."""
 REBOUND = 0.4
-"""Rebound of pairs that were not expected to collide, and prior mean of the others', as a share of the approach speed. Like
-the next three, set on left-out scenes of `train`."""
+"""Rebound of pairs that were not expected to collide, and prior mean of the rebound of the others. Set, like
+`POSITION_NOISE_WORLD`, `EDGE_NOISE_PX` and `ROBUST_SCALE`, on left-out scenes of `train`."""
 POSITION_NOISE_WORLD = 0.01
 """Standard deviation of reliable positions (world units)."""
 EDGE_NOISE_PX = 2.0
-"""Standard deviation of the left and right box edges of cubes, which show their yaw (pixels)."""
+"""Standard deviation of the left and right edges of the boxes of cubes, which depend on the yaw (pixels)."""
 ROBUST_SCALE = 2.0
 """Residuals beyond this many standard deviations are weighted down (soft L1)."""
-EDGES_PX = (-0.3, -0.6)
-"""Left and right edges of real masks of cubes lie this much beside those of the drawn outline (medians of ten scenes)."""
-LOG_MASS, PAIR_REBOUND = 6, 7
-"""Kinds of parameters beside those of the state (its columns)."""
-_OUTLINE = CUBE_OUTLINE[CUBE_CYCLE]
-_MIN_DEPTH_WORLD = 0.1
-"""Nearest depth that is projected (world units)."""
-
-
-def rows_of(camera: Camera) -> tuple[float, ...]:
-    """(8,) rows of the projection that give an image's columns and depths, as numbers, which Numba reads fastest."""
-    return tuple(camera.matrix[[0, 2]].ravel().tolist())
+LOG_MASS, PAIR_REBOUND = SPIN + 1, SPIN + 2
+"""Kinds of parameters in addition to the columns of a state: the log mass of an object, and the rebound of a pair."""
+NO_OBJECT = -1
+"""Second object of a parameter that belongs to one object."""
 
 
 class FitProblem(NamedTuple):
-    """What was measured, and what each parameter stands for. Parameters are in units of `unit`.
+    """The measurements, and the meaning of each of the P parameters.
 
     Attributes:
         shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
-        reference_s: (n,) seconds, when positions and velocities are those of the parameters.
-        position, root_weight, edges_px: (n, F, 2), (n, F) and (n, F, 2), measured positions, square roots of their weights, 0
-            where nothing was measured, and left and right edges of boxes, of which those of cubes count.
-        parameters: (P, 3) int, a column of the state of an object, `LOG_MASS` or `PAIR_REBOUND`; the object; and for
-            rebounds the other object.
-        unit: (P,) of the parameters.
-        prior: (P, 2) mean and standard deviation; infinite without a prior.
-        projection: see `rows_of`.
+        reference_s: (n,) times at which the parameters give the positions and velocities of the objects (s).
+        position: (n, F, 2) measured positions (world units).
+        root_weight: (n, F) square roots of the weights of the measurements; 0 where nothing was measured.
+        edges_px: (n, F, 2) measured left and right edges of the boxes, which are fitted for cubes (pixels).
+        parameters: (P, 3) int, the kind of each parameter (a column of the state, `LOG_MASS` or `PAIR_REBOUND`), its object,
+            and for `PAIR_REBOUND` the other object, otherwise `NO_OBJECT`.
+        unit: (P,) units of the parameters: a value is parameter · unit.
+        prior: (P, 2) mean and standard deviation of the prior of each value; infinite for values without a prior.
+        projection: rows of the projection, see `nsdr.dynamics.physics.cube_edges.projection_rows`.
     """
 
     shape: NDArray[np.int64]
@@ -78,14 +75,15 @@ class FitProblem(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What is gathered along a run; arrays that the functions below change.
+    """Sums over the data of a run. The functions below change these arrays.
 
     Attributes:
         loss: (2,) sum of the robust losses, and number of residuals.
-        gradient, curvature: (P,) and (P, P) of that sum.
-        motion: (n, F, 6) states at every frame.
-        next_frame: (n,) the first frame of each object that is not gathered yet.
-        outermost: (n, 2, 2) outermost points of each cube's image in the last frame, see `cube_edges_px`.
+        gradient: (P,) gradient of the sum of the losses.
+        curvature: (P, P) curvature of the sum of the losses.
+        motion: (n, F, 6) states in every frame.
+        next_frame: (n,) the first frame of each object whose data are not summed yet.
+        outermost: (n, 2, 2) outermost outline points of each cube in the last frame, see `cube_edges_px`.
     """
 
     loss: NDArray[np.float64]
@@ -96,141 +94,119 @@ class Sums(NamedTuple):
     outermost: NDArray[np.int64]
 
 
-@cached_njit
-def _column(projection, x, y, c, s, k, z):  # type: ignore[no-untyped-def]
-    """Image column and depth of point k of a cube's outline at a height."""
-    kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
-    px, py = x + c * kx - s * ky, y + s * kx + c * ky
-    depth = projection[4] * px + projection[5] * py + projection[6] * z + projection[7]
-    depth = max(depth, _MIN_DEPTH_WORLD)
-    column = projection[0] * px + projection[1] * py + projection[2] * z + projection[3]
-    return column / depth, depth
+class _SegmentSums(NamedTuple):
+    """Sums over the data of one segment. `_add_datum` changes these arrays.
 
+    The pose is (x, y, yaw), on which the residuals of a datum depend.
 
-@cached_njit
-def cube_edges_px(projection, x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def]
-    """Left and right edges of a cube's image.
-
-    The outline is convex, so its outermost points are found by climbing along it.
-
-    Args:
-        projection: see `rows_of`.
-        x, y, yaw: of the cube (world units, radians).
-        start: (2, 2) int, points of the left and right edges, below and above, where the climb begins; changed to the result.
-        derivatives: (2, 3), filled with those of the edges by x, y and yaw.
+    Attributes:
+        gradient: (6,) gradient of the loss with respect to the state at the start of the segment.
+        curvature: (6, 6) curvature of the loss with respect to that state.
+        pose_gradient: (3,) gradient of the loss of one datum with respect to the pose.
+        pose_curvature: (3, 3) curvature of the loss of one datum with respect to the pose.
+        edge_derivatives: (2, 3) derivatives of the left and right edges with respect to the pose.
     """
-    c, s, n = np.cos(yaw), np.sin(yaw), len(_OUTLINE)
-    edges = (np.inf, np.inf)
-    for side in range(2):
-        sign, best = (1.0 if side else -1.0), -np.inf
-        for top in range(2):
-            k, z = start[side, top], 2 * OBJECT_RADIUS_WORLD * top
-            column, depth = _column(projection, x, y, c, s, k, z)
-            for turn in (1, n - 1):
-                while True:
-                    following = (k + turn) % n
-                    other, other_depth = _column(projection, x, y, c, s, following, z)
-                    if sign * other <= sign * column:
-                        break
-                    k, column, depth = following, other, other_depth
-            start[side, top] = k
-            if sign * column > best:
-                best = sign * column
-                by_x = (projection[0] - column * projection[4]) / depth
-                by_y = (projection[1] - column * projection[5]) / depth
-                kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
-                derivatives[side, 0], derivatives[side, 1] = by_x, by_y
-                derivatives[side, 2] = by_x * (-s * kx - c * ky) + by_y * (c * kx - s * ky)
-        edges = (edges[1], sign * best)
-    return edges[0] + EDGES_PX[0], edges[1] + EDGES_PX[1]
+
+    gradient: NDArray[np.float64]
+    curvature: NDArray[np.float64]
+    pose_gradient: NDArray[np.float64]
+    pose_curvature: NDArray[np.float64]
+    edge_derivatives: NDArray[np.float64]
 
 
 @cached_njit
 def _soft_l1(residual):  # type: ignore[no-untyped-def]
-    """Robust loss of a residual, and its first and second derivative."""
+    """Robust loss of a residual r, and its first and second derivative.
+
+    ρ(r) = s² (√(1 + (r/s)²) - 1) with s = `ROBUST_SCALE`
+    """
     root = np.sqrt(1 + (residual / ROBUST_SCALE) ** 2)
     return ROBUST_SCALE * ROBUST_SCALE * (root - 1), residual / root, 1 / (root * root * root)
 
 
 @cached_njit
-def _add_datum(  # type: ignore[no-untyped-def]
-    is_cube,
-    projection,
-    position,
-    edges_px,
-    root_weight,
-    state,
-    derivatives,
-    scratch,
-    outermost,
-    loss,
-    force,
-    curvature,
-):
-    """Add the residuals of a datum, measured (2,) and (2,), to a segment's sums of losses, their number, and derivatives.
+def _add_datum(p, i, frame, state, derivatives, sums, segment):  # type: ignore[no-untyped-def]
+    """Add the measurement of body i in a frame to the sums of a run and of a segment.
 
-    They depend on place and yaw, so they are summed over these first, in `scratch` (6, 3). `derivatives` (6, 6) are of the
-    run's state by that at the segment's start.
+    With the pose q = (x, y, yaw) of the predicted `state` (6,), its `derivatives` (6, 6) with respect to the state s at the
+    start of the segment, and r the residuals of the measured position and, for cubes, edges:
+
+        gradient += (∂q/∂s)ᵀ Σ ρ'(r) ∂r/∂q
+        curvature += (∂q/∂s)ᵀ (Σ ρ''(r) ∂r/∂q (∂r/∂q)ᵀ) ∂q/∂s
     """
-    pull, bend, by_place = scratch[0], scratch[1:4], scratch[4:6]
+    position, edges_px, root_weight, loss = (
+        p.position[i, frame],
+        p.edges_px[i, frame],
+        p.root_weight[i, frame],
+        sums.loss,
+    )
+    slope, bend, edge_derivatives = segment.pose_gradient, segment.pose_curvature, segment.edge_derivatives
     for a in range(3):
-        pull[a] = bend[a, 0] = bend[a, 1] = bend[a, 2] = 0.0
+        slope[a] = bend[a, 0] = bend[a, 1] = bend[a, 2] = 0.0
     scale = root_weight / POSITION_NOISE_WORLD
     for k in range(2):
-        value, first, second = _soft_l1((state[k] - position[k]) * scale)
+        value, first, second = _soft_l1((state[X + k] - position[k]) * scale)
         loss[0] += value
-        pull[k] += first * scale
+        slope[k] += first * scale
         bend[k, k] += second * scale * scale
     loss[1] += 2
-    if is_cube:
+    if p.shape[i] == CUBE:
         scale = root_weight / EDGE_NOISE_PX
-        edges = cube_edges_px(projection, state[0], state[1], state[4], outermost, by_place)
+        edges = cube_edges_px(p.projection, state[X], state[Y], state[YAW], sums.outermost[i], edge_derivatives)
         for side in range(2):
             value, first, second = _soft_l1((edges[side] - edges_px[side]) * scale)
             loss[0] += value
             for a in range(3):
-                pull[a] += first * scale * by_place[side, a]
+                slope[a] += first * scale * edge_derivatives[side, a]
                 for b in range(3):
-                    bend[a, b] += second * scale * scale * by_place[side, a] * by_place[side, b]
+                    bend[a, b] += second * scale * scale * edge_derivatives[side, a] * edge_derivatives[side, b]
         loss[1] += 2
-    for a in range(6):
-        by_x, by_y, by_yaw = derivatives[0, a], derivatives[1, a], derivatives[4, a]
-        force[a] += pull[0] * by_x + pull[1] * by_y + pull[2] * by_yaw
+    for a in range(STATE_SIZE):
+        by_x, by_y, by_yaw = derivatives[X, a], derivatives[Y, a], derivatives[YAW, a]
+        segment.gradient[a] += slope[0] * by_x + slope[1] * by_y + slope[2] * by_yaw
         bent_x = bend[0, 0] * by_x + bend[0, 1] * by_y + bend[0, 2] * by_yaw
         bent_y = bend[1, 0] * by_x + bend[1, 1] * by_y + bend[1, 2] * by_yaw
         bent_yaw = bend[2, 0] * by_x + bend[2, 1] * by_y + bend[2, 2] * by_yaw
-        for b in range(6):
-            curvature[a, b] += bent_x * derivatives[0, b] + bent_y * derivatives[1, b] + bent_yaw * derivatives[4, b]
+        for b in range(STATE_SIZE):
+            segment.curvature[a, b] += (
+                bent_x * derivatives[X, b] + bent_y * derivatives[Y, b] + bent_yaw * derivatives[YAW, b]
+            )
 
 
 @cached_njit
-def _carry(sensitivity, force, curvature, gradient, total):  # type: ignore[no-untyped-def]
-    """Add a segment's sums in six dimensions to those of the parameters."""
-    bent = np.empty(6)
-    for a in range(len(gradient)):
-        for r in range(6):
-            gradient[a] += force[r] * sensitivity[r, a]
+def _add_segment(sums, segment, sensitivity):  # type: ignore[no-untyped-def]
+    """Add the sums of a segment to those of a run by the chain rule, with `sensitivity` (6, P) = ∂s/∂parameters.
+
+    gradient += (∂s/∂parameters)ᵀ segment.gradient
+    curvature += (∂s/∂parameters)ᵀ segment.curvature ∂s/∂parameters
+    """
+    bent = np.empty(STATE_SIZE)
+    for a in range(len(sums.gradient)):
+        for r in range(STATE_SIZE):
+            sums.gradient[a] += segment.gradient[r] * sensitivity[r, a]
             bent[r] = 0.0
-            for c in range(6):
-                bent[r] += curvature[r, c] * sensitivity[c, a]
-        for b in range(len(gradient)):
-            for r in range(6):
-                total[a, b] += bent[r] * sensitivity[r, b]
+            for c in range(STATE_SIZE):
+                bent[r] += segment.curvature[r, c] * sensitivity[c, a]
+        for b in range(len(sums.gradient)):
+            for r in range(STATE_SIZE):
+                sums.curvature[a, b] += bent[r] * sensitivity[r, b]
 
 
 @cached_njit
 def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def]
-    """Gather the data of body i's segment before a time, and move its start there."""
-    positions, edges_px, root_weight, projection = p.position[i], p.edges_px[i], p.root_weight[i], p.projection
-    motion, outermost, loss = sums.motion[i], sums.outermost[i], sums.loss
+    """Sum the data in the segment of body i up to a time (s), and move the start of the segment to that time."""
+    motion, root_weight = sums.motion[i], p.root_weight[i]
     shape, state, start, spinning = bodies.shape[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf
     begin = end = sums.next_frame[i]
     while end < len(motion) and end * FRAME_SECONDS < seconds:
         end += 1
-    derivatives = np.empty((end - begin + 1 if spinning else 1, 6, 6))
+    derivatives = np.empty((end - begin + 1 if spinning else 1, STATE_SIZE, STATE_SIZE))
     if spinning:
         spin_derivatives(bodies, i, seconds, begin, derivatives)
-    force, curvature, after, scratch = np.zeros(6), np.zeros((6, 6)), np.empty(6), np.empty((6, 3))
+    after = np.empty(STATE_SIZE)
+    segment = _SegmentSums(
+        np.zeros(STATE_SIZE), np.zeros((STATE_SIZE, STATE_SIZE)), np.empty(3), np.empty((3, 3)), np.empty((2, 3))
+    )
     for k in range(begin, end + 1):
         when = k * FRAME_SECONDS if k < end else seconds
         here = derivatives[k - begin if spinning else 0]
@@ -239,19 +215,18 @@ def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def
         else:
             slide_derivatives(shape, state, when - start, after, here)
         if k == end:
-            _carry(bodies.sensitivity[i], force, curvature, sums.gradient, sums.curvature)
+            _add_segment(sums, segment, bodies.sensitivity[i])
             advance(bodies, i, seconds, after, here)
             break
         copy_state(after, motion[k])
         if root_weight[k] > 0:
-            measured = (positions[k], edges_px[k], root_weight[k])
-            _add_datum(shape == CUBE, projection, *measured, after, here, scratch, outermost, loss, force, curvature)
+            _add_datum(p, i, k, after, here, sums, segment)
     sums.next_frame[i] = end
 
 
 @cached_njit
 def _start(p, x, horizon):  # type: ignore[no-untyped-def]
-    """Bodies of the parameters at their reference frames."""
+    """The bodies that the parameters `x` (P,) describe, at their reference times, for a run up to the time `horizon` (s)."""
     bodies = new_bodies(p.shape, len(x), int(horizon / STEP_SECONDS) + 1)
     bodies.start[:] = p.reference_s
     for k in range(len(x)):
@@ -266,7 +241,7 @@ def _start(p, x, horizon):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def _contact(p, bodies, x, i, j, touched):  # type: ignore[no-untyped-def]
-    """The exchange of bodies i and j, i < j; a pair that touched before does not rebound again."""
+    """Apply the contact of bodies i and j, i < j. A pair that has already touched does not rebound again."""
     rebound, by_parameter = REBOUND, np.zeros((3, len(x)))
     for k in range(len(x)):
         kind, one, other = p.parameters[k]
@@ -283,9 +258,10 @@ def _contact(p, bodies, x, i, j, touched):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def _search(bodies, i, contacts, last_contact, when, since, horizon):  # type: ignore[no-untyped-def]
-    """Write the times of body i's next contacts to `when` (n, n).
+    """Write the time of the next contact of body i with each other body, from `since` on, to `when` (n, n) (s).
 
-    Bodies that press on each other touch again and again: each pair pauses a step longer after each contact.
+    Bodies that press on each other touch again and again. So the time without contact after a contact of a pair is one Bullet
+    step longer after each of their contacts.
     """
     for k in range(len(bodies.start)):
         if k != i:
@@ -297,6 +273,7 @@ def _search(bodies, i, contacts, last_contact, when, since, horizon):  # type: i
 
 @cached_njit
 def _add_priors(p, x, sums):  # type: ignore[no-untyped-def]
+    """Add the losses of the priors of the parameters `x` (P,) to the sums of a run."""
     for k in range(len(x)):
         mean, deviation = p.prior[k, 0], p.prior[k, 1]
         if deviation < np.inf:
@@ -309,7 +286,12 @@ def _add_priors(p, x, sums):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def _next_event(when, ends):  # type: ignore[no-untyped-def]
-    """Time of the next contact of a pair (n, n) or end of a spinning segment (n,), and the one or two bodies concerned."""
+    """Time of the next event, and the two bodies concerned, which are the same one if its spin ends.
+
+    Args:
+        when: (n, n) times of the next contact of each pair (s).
+        ends: (n,) times at which the spinning of each body ends (s).
+    """
     now, a, b = np.inf, 0, 0
     for i in range(len(ends)):
         if ends[i] < now:
@@ -322,16 +304,16 @@ def _next_event(when, ends):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
-    """Mean robust loss of the residuals of frames below `n_frames`, its derivatives, and the run.
+    """The mean robust loss of the residuals in the first `n_frames` frames, its derivatives, and the run.
 
     Args:
-        p: a `FitProblem`.
+        p: the `FitProblem`.
         x: (P,) parameters.
-        n_frames: of the run.
+        n_frames: number of frames of the run.
 
     Returns:
-        The mean loss; its gradient (P,) and curvature (P, P); states (n, n_frames, 6); frames (n, n) of first contacts,
-        `NO_CONTACT` for none.
+        The mean loss; its gradient (P,); its curvature (P, P); the states (n, n_frames, 6); and the frames of the first contact
+        of each pair (n, n), or `NO_CONTACT`.
     """
     n, horizon = len(p.shape), (n_frames - 1) * FRAME_SECONDS
     bodies = _start(p, x, horizon)
@@ -339,7 +321,7 @@ def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
         np.zeros(2),
         np.zeros(len(x)),
         np.zeros((len(x), len(x))),
-        np.empty((n, n_frames, 6)),
+        np.empty((n, n_frames, STATE_SIZE)),
         np.zeros(n, np.int64),
         np.zeros((n, 2, 2), np.int64),
     )

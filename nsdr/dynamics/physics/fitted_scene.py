@@ -1,7 +1,7 @@
-"""The explanation of the physics backend: a fitted video that can be simulated on, as it is and with interventions.
+"""The explanation of the physics backend: a fitted video whose simulation can be continued, as it is or with interventions.
 
-What an intervention cannot influence keeps its observed motion, the rest is simulated: once as it was fitted, and again with
-perturbed states and masses, which gives probabilities.
+Objects that an intervention cannot influence keep their observed motion. All others are simulated: once as fitted, and many
+times with perturbed states and masses, which gives probabilities.
 """
 
 from collections.abc import Sequence
@@ -12,10 +12,10 @@ import numpy as np
 from nsdr.dynamics.base import Explanation
 from nsdr.dynamics.interventions import with_added
 from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.physics.body_state import POSITION, STATE_SIZE, VELOCITY, YAW
 from nsdr.dynamics.physics.changed_bodies import ChangedBodies, change_bodies
 from nsdr.dynamics.physics.collision_search import FoundCollisions
 from nsdr.dynamics.physics.config import PhysicsConfig
-from nsdr.dynamics.physics.forces import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.simulator import (
     NO_CONTACT,
     BodyStates,
@@ -39,27 +39,28 @@ from nsdr.world.physics_constants import (
 )
 
 MIN_PROBABILITY = 0.005
-"""Collisions that are less probable count as ruled out, and those that are more probable than 1 minus this as certain."""
+"""A collision that is less probable than this is ruled out, and one that is more probable than 1 - this is certain."""
 DEGREES_OF_FREEDOM = 4
-"""Of Student's t distribution, from which errors are drawn: few are much larger than others. The largest errors below, this and
-the noise of `PhysicsConfig` were set on real scenes of `train` that were cut, and on generated ones without an object."""
+"""Degrees of freedom of Student's t distribution, from which errors are drawn, as a few errors are much larger than the others.
+Set, like `MAX_POSITION_ERROR_WORLD`, `MAX_VELOCITY_ERROR_WORLD_PER_S` and the noise in `PhysicsConfig`, on truncated real
+scenes of `train` and on generated scenes with an object removed."""
 MAX_POSITION_ERROR_WORLD, MAX_VELOCITY_ERROR_WORLD_PER_S = 0.05, 0.4
-"""Largest errors of a stretch's place and velocity."""
+"""Largest errors of the position and velocity of a stretch (world units, world units/s)."""
 VELOCITY_ERROR_WORLD_PER_S = 0.02
-"""Standard deviation of each component of the observed velocities (world units/s): 95 % of errors of speeds are within 1.645
-of them, rounded (`python benchmarks/extensions.py DATA PROPOSALS --scenes 70 --errors`)."""
+"""Standard deviation of each component of the observed velocities (world units/s), rounded: 95 % of the errors of speeds are
+within 1.645 standard deviations (`python benchmarks/extensions.py DATA PROPOSALS --scenes 70 --errors`)."""
 CLOSENESS_WORLD = 0.4
-"""Scale on which the closest approach tells pairs apart that collide in equally many runs (world units)."""
+"""Length scale of the closest approach in the score that orders pairs that collide in equally many runs (world units)."""
 
 
 class FittedScene(Explanation):
-    """A fitted video that can be simulated on.
+    """A fitted video whose simulation can be continued.
 
     Args:
-        states: the tracks.
-        smoothed: the same, smoothed between the collisions.
+        states: motion states of the objects.
+        smoothed: tracks smoothed between the collisions.
         found: collisions of the video, and the fit with them.
-        config: noise, and number of runs.
+        config: noise levels and number of runs.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class FittedScene(Explanation):
         super().__init__(states.objects, states.n_frames, states.camera, physics)
         self.states, self.smoothed, self.config = states, smoothed, config
         n = len(states.objects)
-        # Smoothed stretches follow the tracks most closely; where there is none, the fitted run steps in.
+        # Smoothed stretches follow the tracks most closely; where there is none, the fitted run is used.
         self.motion = fitted.states.copy()
         known = np.isfinite(smoothed.location_world).all(-1)
         self.motion[known, POSITION] = smoothed.location_world[known]
@@ -92,10 +93,18 @@ class FittedScene(Explanation):
         ]
 
     def _state_errors(self, place: FloatArray, velocity: FloatArray, yaw: FloatArray) -> FloatArray:
-        """(R, n, F, 6) errors of the states, of standardised ones of positions and velocities (R, n, 1, 2) and yaws (R, n, 1).
+        """Errors (R, n, F, 6) of the states from standardised errors.
 
-        Those of a line fitted to a stretch's detections by least squares: its place in their middle and its velocity. Where
-        nothing fits, both have the largest errors.
+        The errors are those of a least-squares line through the detections of a stretch:
+
+            position error(t) = σ_position · place + (t - middle) · velocity error, velocity error = σ_velocity · velocity
+
+        Frames without a fitted stretch have the largest errors.
+
+        Args:
+            place: (R, n, 1, 2) standardised errors of positions at the middle of a stretch.
+            velocity: (R, n, 1, 2) standardised errors of velocities.
+            yaw: (R, n, 1) standardised errors of yaws.
         """
         noise, shape = self.config.position_noise_world, (len(self.objects), self.n_frames)
         place_error, velocity_error = (
@@ -108,7 +117,7 @@ class FittedScene(Explanation):
                 place_error[i, start:end] = min(s.middle_variance(noise) ** 0.5, MAX_POSITION_ERROR_WORLD)
                 velocity_error[i, start:end] = min(s.velocity_variance(noise) ** 0.5, MAX_VELOCITY_ERROR_WORLD_PER_S)
                 since_middle[i, start:end] = FRAME_SECONDS * (np.arange(start, end) - s.middle_frame)
-        errors = np.zeros((len(yaw), *shape, 6))
+        errors = np.zeros((len(yaw), *shape, STATE_SIZE))
         errors[..., VELOCITY] = velocity_error[..., None] * velocity
         errors[..., POSITION] = place_error[..., None] * place + since_middle[..., None] * errors[..., VELOCITY]
         errors[..., YAW] = self.config.yaw_noise * yaw
@@ -116,7 +125,7 @@ class FittedScene(Explanation):
 
     @limit_threads(1)
     def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
-        """The video as it is, or with interventions.
+        """Roll out the video as it is, or with interventions.
 
         Raises:
             DataError: an intervention is impossible (see `change_bodies`).
@@ -127,10 +136,10 @@ class FittedScene(Explanation):
         return self._with_repetitions(rollout, from_frame) if from_frame else rollout
 
     def _unchanged(self, total: int) -> Rollout:
-        """The video as it is and its continuation: each pair collides once."""
+        """The rollout of the video as it is and its continuation, in which each pair collides at most once."""
         n = len(self.objects)
         every = np.ones(n, bool)
-        motion = self._prescribed(np.full(n, self.n_frames - 1))
+        motion = self._prescribed(every, np.full(n, self.n_frames - 1))
         run = simulate(self._bodies_at(0), every, total, prescribed=motion, perturbations=self.perturbations)
         frames, position = run.contacts, run.states[..., POSITION]
         pairs, share = {e.objects for e in self.collisions}, (frames != NO_CONTACT).mean(0)
@@ -139,7 +148,7 @@ class FittedScene(Explanation):
             for event, p in self._probable_collisions(frames, share)
             if event.objects not in pairs
         ]
-        collisions, uncertain = self._judged(later)
+        collisions, uncertain = self._split(later)
         gap = position[:, self.n_frames - 1 :]
         gap = np.linalg.norm(gap[:, None] - gap[None], axis=-1).min(-1) - 2 * OBJECT_RADIUS_WORLD
         scores = (len(frames) * share + np.exp(-np.maximum(gap, 0) / CLOSENESS_WORLD)) / (len(frames) + 1)
@@ -156,9 +165,9 @@ class FittedScene(Explanation):
         return with_smoothed_tracks(rollout, self.smoothed)
 
     def _with_repetitions(self, rollout: Rollout, from_frame: int) -> Rollout:
-        """The rollout of the video with the first collision after a frame also of pairs that collided before.
+        """Add to the rollout of the video the first collision after a frame of pairs that also collided before it.
 
-        Rollouts with interventions at that frame have these collisions, too.
+        Rollouts with interventions at that frame have such collisions, so a comparison needs them here, too.
         """
         unchanged = change_bodies(self._bodies_at(from_frame), self.objects, ())
         earlier = {e.objects for e in self._earlier(from_frame, unchanged.exists)}
@@ -166,7 +175,7 @@ class FittedScene(Explanation):
             return rollout
         later = self._later_collisions(unchanged, from_frame, rollout.visible.shape[1])[1]
         repeated = [(event, p) for event, p in later if event.objects in earlier and event not in self.collisions]
-        collisions, uncertain = self._judged(repeated)
+        collisions, uncertain = self._split(repeated)
         return replace(
             rollout,
             collisions=tuple(sorted([*rollout.collisions, *collisions], key=lambda e: e.frame)),
@@ -174,10 +183,10 @@ class FittedScene(Explanation):
         )
 
     def _with_changes(self, changes: Sequence[Intervention], from_frame: int, total: int) -> Rollout:
-        """The rollout with interventions at a frame of the video."""
+        """The rollout of `total` frames with interventions at a frame of the video."""
         changed = change_bodies(self._bodies_at(from_frame), self.objects, changes)
         run, later = self._later_collisions(changed, from_frame, total)
-        collisions, uncertain = self._judged(later)
+        collisions, uncertain = self._split(later)
         extra = len(changed.exists) - len(self.objects)
         location, speed = run.states[..., POSITION].copy(), np.linalg.norm(run.states[..., VELOCITY], axis=-1)
         location[~changed.exists] = np.nan
@@ -198,13 +207,13 @@ class FittedScene(Explanation):
             yaw,
         )
 
-    def _judged(self, found: list[tuple[Event, float]]) -> tuple[list[Event], list[UncertainCollision]]:
-        """Those of possible collisions that count, and those that are not certain."""
+    def _split(self, found: list[tuple[Event, float]]) -> tuple[list[Event], list[UncertainCollision]]:
+        """From possible collisions and their probabilities: the collisions that count, and those that are not certain."""
         collisions = [event for event, p in found if p > self.config.collision_threshold]
         return collisions, [UncertainCollision(event, p) for event, p in found if p <= 1 - MIN_PROBABILITY]
 
     def _earlier(self, from_frame: int, exists: BoolArray) -> list[Event]:
-        """Collisions that interventions at a frame, after which the objects (n,) exist, cannot change."""
+        """Collisions of the video that interventions at a frame cannot change (see `_is_earlier`)."""
         return [e for e in self.collisions if _is_earlier(e, from_frame, exists)]
 
     def _later_collisions(
@@ -214,14 +223,15 @@ class FittedScene(Explanation):
         run = self._run(changed, from_frame, total)
         frames = run.contacts
         earlier = self._earlier(from_frame, changed.exists)
-        for event in earlier:  # while they touch or soon after, it is the same collision
+        for event in earlier:  # contact continues, or resumes soon after: the same collision
             i, j = event.objects
             continued = frames[:, i, j] <= max(event.frame + CONTACT_PAUSE_STEPS // STEPS_PER_FRAME, from_frame + 1)
             frames[continued, i, j] = frames[continued, j, i] = NO_CONTACT
         untouched = (changed.exists & ~changed.simulated)[: len(self.objects)]
         share, found = (frames != NO_CONTACT).mean(0), {e.objects for e in self.collisions}
-        # The runs take the collisions of the video as they were found. One that is uncertain is so in the changed scene, too;
-        # one that was probably none happens in the runs, or else as probably as in the video.
+        # The runs assume the collisions that were found in the video. With probability p of a collision in the video and share
+        # s of
+        # runs with it, its probability in the changed scene is s p if it was found, and 1 - (1 - s)(1 - p) if it was not.
         for one in self.uncertain:
             (i, j), p = one.event.objects, one.probability
             if untouched[[i, j]].all() and not _is_earlier(one.event, from_frame, changed.exists):
@@ -229,7 +239,7 @@ class FittedScene(Explanation):
         return run, [*self._probable_collisions(frames, share), *self._repeated(run, changed, from_frame)]
 
     def _repeated(self, run: SimulatedMotion, changed: ChangedBodies, from_frame: int) -> list[tuple[Event, float]]:
-        """Further collisions of pairs in the video that the runs keep, with their shares of runs."""
+        """Second and later collisions of pairs in the video, with the share of runs that keep them."""
         later = [e for e in self.collisions if not _is_earlier(e, from_frame, changed.exists)]
         pairs = [e.objects for e in later]
         again = [e for k, e in enumerate(later) if e.objects in pairs[:k] and changed.exists[list(e.objects)].all()]
@@ -240,8 +250,9 @@ class FittedScene(Explanation):
         """Collisions that are not ruled out, with their probabilities.
 
         Args:
-            frames: (runs, n, n) of first contacts. A collision is at their median, or else where it was uncertain in the video.
-            probability: (n, n) of each pair.
+            frames: (runs, n, n) frames of first contacts. A collision is at their median, or, if no run has it, in the frame of
+                the uncertain collision in the video.
+            probability: (n, n) probability of a collision of each pair.
         """
         in_video = {one.event.objects: one.event.frame for one in self.uncertain}
         found = []
@@ -252,24 +263,25 @@ class FittedScene(Explanation):
         return found
 
     def _bodies_at(self, frame: int) -> BodyStates:
-        """The objects at a frame of the video."""
+        """The bodies in a frame of the video."""
         return BodyStates(self.fitted.bodies.shape, self.motion[:, frame], self.fitted.bodies.mass)
 
-    def _prescribed(self, until: IntArray) -> PrescribedMotion:
-        """The motion of the video, that each object, and further ones, keep until a frame (n,)."""
-        motion = padded(self.motion, len(until) - len(self.motion), 0.0)
-        return PrescribedMotion(
-            motion, until, np.array([(*e.objects, e.frame) for e in self.collisions]).reshape(-1, 3)
-        )
+    def _prescribed(self, is_prescribed: BoolArray, free_at_latest: IntArray) -> PrescribedMotion:
+        """The motion of the video for n objects, including added ones, as `PrescribedMotion`."""
+        motion = padded(self.motion, len(is_prescribed) - len(self.motion), 0.0)
+        collisions = np.array([(*e.objects, e.frame) for e in self.collisions]).reshape(-1, 3)
+        return PrescribedMotion(motion, is_prescribed, free_at_latest, collisions)
 
     def _run(self, changed: ChangedBodies, from_frame: int, total: int) -> SimulatedMotion:
+        """Simulate changed bodies from a frame up to, not including, frame `total`."""
         n, old = len(changed.exists), len(self.objects)
-        rebound, prescribed = np.full((n, n), np.nan), self._prescribed(self._until(changed, from_frame))
+        prescribed = self._prescribed(~changed.simulated, self._free_at_latest(changed, from_frame))
+        rebound = np.full((n, n), np.nan)
         for i, j in self._unchanged_collisions(changed, from_frame):
             rebound[i, j] = rebound[j, i] = self.fitted.rebound[i, j]
-        # Added objects and what interventions give exactly are not perturbed.
+        # Added objects, and states and masses that interventions set, are not perturbed.
         runs = self.config.runs - 1
-        state, mass = np.zeros((runs, n, self.n_frames, 6)), np.ones((runs, n))
+        state, mass = np.zeros((runs, n, self.n_frames, STATE_SIZE)), np.ones((runs, n))
         state[:, :old], mass[:, :old] = self.perturbations.state, self.perturbations.mass
         state *= ~changed.exact[:, None]
         mass[:, changed.exact_mass] = 1.0
@@ -277,9 +289,9 @@ class FittedScene(Explanation):
         return simulate(changed.bodies, changed.exists, total, rebound, prescribed, from_frame, perturbations)
 
     def _unchanged_collisions(self, changed: ChangedBodies, from_frame: int) -> list[tuple[int, ...]]:
-        """Pairs whose next collision in the video is at unchanged velocities, one of them having another mass.
+        """Pairs with a changed mass whose next collision in the video happens at unchanged velocities.
 
-        How strongly they rebound depends on the moment within a step of the simulation, which is as in the video.
+        Their rebound depends on when in a time step of the simulation they touch, which is as in the video.
         """
         first: dict[int, Event] = {}
         for event in self.collisions:
@@ -290,14 +302,16 @@ class FittedScene(Explanation):
         events = {first[i] for i in np.flatnonzero(changed.reweighed).tolist() if i in first}
         return [e.objects for e in events if as_before[list(e.objects)].all() and all(first[i] == e for i in e.objects)]
 
-    def _until(self, changed: ChangedBodies, from_frame: int) -> IntArray:
-        """(n,) frame from which each object is simulated: objects of another mass from their next collision in the video."""
-        until = np.full(len(changed.exists), self.n_frames - 1)
+    def _free_at_latest(self, changed: ChangedBodies, from_frame: int) -> IntArray:
+        """(n,) frame in which each object is set free at the latest: before its next collision if its mass is changed.
+
+        All other objects keep the motion of the video to its last frame unless something happens to them.
+        """
+        free_at_latest = np.full(len(changed.exists), self.n_frames - 1)
         for i in np.flatnonzero(changed.reweighed):
             hits = [e.frame for e in self.collisions if i in e.objects and e.frame > from_frame]
-            until[i] = min([frame - 1 for frame in hits], default=self.n_frames - 1)
-        until[changed.simulated] = 0
-        return until
+            free_at_latest[i] = min([frame - 1 for frame in hits], default=self.n_frames - 1)
+        return free_at_latest
 
     def _visible(
         self,
@@ -307,7 +321,7 @@ class FittedScene(Explanation):
         from_frame: int,
         shapes: list[str] | None = None,
     ) -> BoolArray:
-        """(n, F) bool: as observed until an object is simulated, then as its simulated position is in the image."""
+        """(n, F) bool, whether each object is in the image: as observed while it moves as observed, then as simulated."""
         shapes = shapes or [o.shape for o in self.objects]
         observed = np.zeros(run.states.shape[:2], bool)
         observed[: len(self.objects), : self.n_frames] = self.smoothed.visible
@@ -318,14 +332,14 @@ class FittedScene(Explanation):
 
 
 def _is_earlier(event: Event, from_frame: int, exists: BoolArray) -> bool:
-    """Whether interventions at a frame, after which the objects (n,) exist, leave a collision as it was.
+    """Whether interventions at a frame cannot change a collision of the video.
 
-    What is removed at the first frame was never there.
+    `exists` (n,) says which objects exist afterwards. An object removed in frame 0 was never there, so it had no collisions.
     """
     return event.frame <= from_frame and (from_frame > 0 or bool(exists[list(event.objects)].all()))
 
 
 def _as_observed(run: SimulatedMotion, simulated: BoolArray, from_frame: int) -> BoolArray:
-    """(n, F) bool: where objects keep the motion of the video."""
+    """(n, F) bool, whether each object moves as in the video."""
     frame = np.arange(run.states.shape[1])
     return (frame < from_frame) | ((frame <= run.free_from[0, :, None]) & ~simulated[:, None])

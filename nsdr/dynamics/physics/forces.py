@@ -1,12 +1,13 @@
-"""What changes a body's motion in the plane: damping and friction in a Bullet step, and contacts with others (by Numba).
+"""What changes the motion of a body in the plane: damping and friction in a Bullet step, and contacts. Compiled by Numba.
 
-A body that only slides needs no steps (`nsdr.dynamics.sliding`). A spinning cube does: its four corners rub on the ground with
-forces that depend on both speed and spin, so its motion has no closed form.
+The motion of a body that slides without spinning has a closed form (`nsdr.dynamics.sliding`). The motion of a spinning cube has
+none, because friction at its four corners depends on both speed and spin, so it is simulated step by step.
 """
 
 import numpy as np
 
 from nsdr.dynamics.numba_cache import cached_njit
+from nsdr.dynamics.physics.body_state import SPIN, VX, VY, YAW, X, Y
 from nsdr.dynamics.physics.contact_geometry import CUBE, FLAT, ROUND, SPHERE, outline_gap
 from nsdr.world.physics_constants import (
     ANGULAR_DAMPING,
@@ -20,21 +21,19 @@ from nsdr.world.physics_constants import (
     STEP_SECONDS,
 )
 
-POSITION, VELOCITY, YAW, SPIN = slice(0, 2), slice(2, 4), 4, 5
-"""Columns of a body's state, a row (x, y, vx, vy, yaw, spin): world units, radians and seconds."""
 _SPINNING_DECELERATION = SPINNING_FRICTION * GRAVITY
-"""Torque per mass by which the ground resists spinning (world units²/s²)."""
+"""Torque per mass with which the ground resists spinning (world units²/s²)."""
 INERTIA = 2 * (2 * ROUND) ** 2 / 12
-"""Moment of inertia per mass; Bullet takes that of the bounding box (world units²)."""
+"""Moment of inertia per mass (world units²). Bullet uses that of the bounding box."""
 _SPIN_SLIDING_WORLD = 0.2
-"""Lever (world units) by which spin adds to the speed over the ground in the test for rest."""
+"""Lever arm with which spin adds to the speed over the ground in the test for rest (world units)."""
 MIN_SPIN_RAD_PER_S = 1e-3
-"""Slower spin counts as none."""
+"""A slower spin counts as 0 (radians/s)."""
 GIVEN_GAP_WORLD = 0.003
-"""Gap at which given rebounds happen: the mean gap of Bullet's rule at usual speeds (world units)."""
+"""Gap at which bodies with a given rebound make contact: the mean gap under Bullet's rule at usual speeds (world units)."""
 WALLS_REBOUND, WALLS_SLOPE = 0.26, 0.30
-"""Rebound of two objects with upright walls where Bullet's rule gives none, and by how much it grows with the rule's (both are
-shares of the approach speed; `python benchmarks/rebounds.py`)."""
+"""Rebound of two objects with upright walls: `WALLS_REBOUND` + `WALLS_SLOPE` times the rebound by Bullet's rule. Rebounds are
+ratios of separation speed to approach speed. Measured by `python benchmarks/rebounds.py`."""
 
 
 @cached_njit
@@ -42,101 +41,120 @@ def slow_down(shape, state, i):  # type: ignore[no-untyped-def]
     """Apply the damping and friction of one Bullet step to body i.
 
     Args:
-        shape: of the body, index into `nsdr.world.vocabulary.SHAPES`.
-        state: (n, 6) rows; not a row, because a slice costs as much as the step.
-        i: which.
+        shape: shape of body i, index into `nsdr.world.vocabulary.SHAPES`.
+        state: (n, 6) states of all bodies; taking a slice of one row would cost as much as the step.
+        i: index of the body.
     """
-    speed = np.sqrt(state[i, 2] * state[i, 2] + state[i, 3] * state[i, 3])
-    abs_spin = abs(state[i, 5])
+    speed = np.sqrt(state[i, VX] * state[i, VX] + state[i, VY] * state[i, VY])
+    abs_spin = abs(state[i, SPIN])
     if speed == 0.0 and abs_spin == 0.0:
         return
     loss = LINEAR_DAMPING * speed + LINEAR_DAMPING * speed * speed
-    state[i, 5] -= STEP_SECONDS * ANGULAR_DAMPING * state[i, 5] * (1 + abs_spin)
+    state[i, SPIN] -= STEP_SECONDS * ANGULAR_DAMPING * state[i, SPIN] * (1 + abs_spin)
     if shape == SPHERE:
         factor = 1 - STEP_SECONDS * loss / speed if speed > 0 else 0.0
-        state[i, 2] *= factor
-        state[i, 3] *= factor
+        state[i, VX] *= factor
+        state[i, VY] *= factor
         return
     if abs_spin < MIN_SPIN_RAD_PER_S or speed + _SPIN_SLIDING_WORLD * abs_spin < STEP_SECONDS * SLIDING_DECELERATION:
         factor = max(0.0, 1 - STEP_SECONDS * (loss + SLIDING_DECELERATION) / speed) if speed > 0 else 0.0
-        state[i, 2] *= factor
-        state[i, 3] *= factor
-        state[i, 5] = 0.0
+        state[i, VX] *= factor
+        state[i, VY] *= factor
+        state[i, SPIN] = 0.0
         return
-    c, s = np.cos(state[i, 4]), np.sin(state[i, 4])
+    c, s = np.cos(state[i, YAW]), np.sin(state[i, YAW])
     fx, fy, torque = 0.0, 0.0, 0.0
     for k in range(4):  # a quarter of the weight on each corner of the flat face
         kx, ky = (FLAT if k % 2 else -FLAT), (FLAT if k // 2 else -FLAT)
         rx, ry = c * kx - s * ky, s * kx + c * ky
-        ux, uy = state[i, 2] - state[i, 5] * ry, state[i, 3] + state[i, 5] * rx
+        ux, uy = state[i, VX] - state[i, SPIN] * ry, state[i, VY] + state[i, SPIN] * rx
         u = max(np.sqrt(ux * ux + uy * uy), 2 * STEP_SECONDS * SLIDING_DECELERATION)
         gx, gy = -SLIDING_DECELERATION / 4 * ux / u, -SLIDING_DECELERATION / 4 * uy / u
         fx += gx
         fy += gy
         torque += rx * gy - ry * gx
     if speed > 0:
-        state[i, 2] *= 1 - STEP_SECONDS * loss / speed
-        state[i, 3] *= 1 - STEP_SECONDS * loss / speed
-    state[i, 2] += STEP_SECONDS * fx
-    state[i, 3] += STEP_SECONDS * fy
-    state[i, 5] += STEP_SECONDS * torque / INERTIA
+        state[i, VX] *= 1 - STEP_SECONDS * loss / speed
+        state[i, VY] *= 1 - STEP_SECONDS * loss / speed
+    state[i, VX] += STEP_SECONDS * fx
+    state[i, VY] += STEP_SECONDS * fy
+    state[i, SPIN] += STEP_SECONDS * torque / INERTIA
     brake = STEP_SECONDS * _SPINNING_DECELERATION / INERTIA
-    state[i, 5] = np.copysign(max(abs(state[i, 5]) - brake, 0.0), state[i, 5])
+    state[i, SPIN] = np.copysign(max(abs(state[i, SPIN]) - brake, 0.0), state[i, SPIN])
 
 
 @cached_njit
 def approach(shape, state, i, j):  # type: ignore[no-untyped-def]
-    """Gap, separation speed, normal from i to j (x, y), and the levers of the contact point's normal about both centres."""
+    """How bodies i and j approach each other.
+
+    Returns:
+        The gap (world units); the separation speed at the contact point (world units/s); the normal (x, y) from i to j; and
+        the lever arms of a force along the normal about the centres of i and j (world units).
+    """
     gap, nx, ny, px, py = outline_gap(shape, state, i, j)
-    ix, iy = px - state[i, 0], py - state[i, 1]
-    jx, jy = px - state[j, 0], py - state[j, 1]
-    ux = state[j, 2] - state[j, 5] * jy - state[i, 2] + state[i, 5] * iy
-    uy = state[j, 3] + state[j, 5] * jx - state[i, 3] - state[i, 5] * ix
+    ix, iy = px - state[i, X], py - state[i, Y]
+    jx, jy = px - state[j, X], py - state[j, Y]
+    ux = state[j, VX] - state[j, SPIN] * jy - state[i, VX] + state[i, SPIN] * iy
+    uy = state[j, VY] + state[j, SPIN] * jx - state[i, VY] - state[i, SPIN] * ix
     return gap, ux * nx + uy * ny, nx, ny, ix * ny - iy * nx, jx * ny - jy * nx
 
 
 @cached_njit
 def push(shape, state, mass, i, j, change, nx, ny, ci, cj):  # type: ignore[no-untyped-def]
-    """Change the separation speed of i and j by an impulse along their normal; without friction, and only cubes spin."""
+    """Apply the impulse along the normal that changes the separation speed of bodies i and j by `change`.
+
+    There is no friction between the bodies, and only cubes spin. `ci` and `cj` are the lever arms from `approach`.
+    impulse = change / (1/mᵢ + 1/mⱼ + cᵢ²/Iᵢ + cⱼ²/Iⱼ)
+    """
     spin_i = ci * ci / (INERTIA * mass[i]) if shape[i] == CUBE else 0.0
     spin_j = cj * cj / (INERTIA * mass[j]) if shape[j] == CUBE else 0.0
     impulse = change / (1 / mass[i] + 1 / mass[j] + spin_i + spin_j)
-    state[i, 2] -= impulse * nx / mass[i]
-    state[i, 3] -= impulse * ny / mass[i]
-    state[j, 2] += impulse * nx / mass[j]
-    state[j, 3] += impulse * ny / mass[j]
+    state[i, VX] -= impulse * nx / mass[i]
+    state[i, VY] -= impulse * ny / mass[i]
+    state[j, VX] += impulse * nx / mass[j]
+    state[j, VY] += impulse * ny / mass[j]
     if shape[i] == CUBE:
-        state[i, 5] -= impulse * ci / (INERTIA * mass[i])
+        state[i, SPIN] -= impulse * ci / (INERTIA * mass[i])
     if shape[j] == CUBE:
-        state[j, 5] += impulse * cj / (INERTIA * mass[j])
+        state[j, SPIN] += impulse * cj / (INERTIA * mass[j])
 
 
 @cached_njit
 def drift(state, i, seconds):  # type: ignore[no-untyped-def]
-    """Move body i on at its present velocity and spin."""
-    state[i, 0] += seconds * state[i, 2]
-    state[i, 1] += seconds * state[i, 3]
-    state[i, 4] += seconds * state[i, 5]
+    """Move body i for a time at its current velocity and spin, without forces."""
+    state[i, X] += seconds * state[i, VX]
+    state[i, Y] += seconds * state[i, VY]
+    state[i, YAW] += seconds * state[i, SPIN]
 
 
 @cached_njit
-def rebound_at(shape, state, mass, i, j, seconds, share):  # type: ignore[no-untyped-def]
-    """Bodies i and j part at a share of their approach speed, at a moment so many seconds ahead; positions are of now."""
+def rebound_at(shape, state, mass, i, j, seconds, rebound):  # type: ignore[no-untyped-def]
+    """Let bodies i and j rebound from each other `seconds` from now.
+
+    Afterwards their separation speed is `rebound` times the approach speed. Positions are moved so that motion at the new
+    velocities from now on passes through the contact.
+    """
     drift(state, i, seconds)
     drift(state, j, seconds)
     _, apart, nx, ny, ci, cj = approach(shape, state, i, j)
-    push(shape, state, mass, i, j, -(1 + share) * apart, nx, ny, ci, cj)
+    push(shape, state, mass, i, j, -(1 + rebound) * apart, nx, ny, ci, cj)
     drift(state, i, -seconds)
     drift(state, j, -seconds)
 
 
 @cached_njit
 def speed_after(shape, i, j, gap, apart):  # type: ignore[no-untyped-def]
-    """Separation speed of i and j after a step that begins at a gap, while they separate at `apart` (world units per second).
+    """Separation speed of bodies i and j after a Bullet step (world units/s).
 
-    Bullet lets two bodies close the gap within the step, then rebound. Upright walls (of cubes and cylinders) it lets touch at
-    their top or bottom end only: both tip a little and touch at the other end a step later, so they rebound less than the rule
-    where it says much, and more where it says little.
+    Bullet lets two bodies close the gap within the step and then rebound. Upright walls, those of cubes and cylinders, touch
+    only at their top or bottom end in Bullet: both bodies tip a little and touch at the other end a step later. So they rebound
+    less than Bullet's rule says if it says much, and more if it says little.
+
+    Args:
+        shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
+        i, j: indices of the two bodies.
+        gap: gap between them at the start of the step (world units).
+        apart: separation speed at the start of the step (world units/s); negative while they approach each other.
     """
     rule = -gap / STEP_SECONDS if gap > 0 else -gap * ERROR_REDUCTION / STEP_SECONDS
     if apart >= -MIN_REBOUND_SPEED:

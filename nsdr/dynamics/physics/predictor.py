@@ -1,7 +1,7 @@
-"""The physics backend: a planar simulator fitted to each video predicts what comes next, and what happens without an object.
+"""The physics backend: a planar simulator fitted to each video, which predicts the future and the effect of changes.
 
-Beyond the paper. A fit explains the video by one run (see `trajectory_fit`). Whatever a removal cannot influence keeps its
-observed motion; the rest is simulated, many times with states perturbed by their uncertainty, which gives probabilities.
+This goes beyond the paper. A fit explains the video by one run of the simulator (see `trajectory_fit`). What a removal cannot
+influence keeps its observed motion. All else is simulated many times with perturbed states, which gives probabilities.
 """
 
 from collections.abc import Sequence
@@ -23,20 +23,20 @@ from nsdr.world.physics_constants import horizon_frame
 
 
 class CollisionDetector(Protocol):
-    """Finds collisions in observed motion, such as `nsdr.dynamics.propnet.StatePredictor`."""
+    """A detector of collisions in observed motion, such as `TrackCollisionDetector`."""
 
     def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
-        """For every pair its most probable collision, and its probability, by frame."""
+        """For every pair, its most probable collision and the probability of the collision, in order of frames."""
 
 
 class PhysicsPredictor:
-    """Explains a video by a simulator that is fitted to its tracks.
+    """A dynamics backend that fits a simulator to the tracks of a video.
 
     Differs from the paper: a simulator replaces the learned dynamics; a network only detects observed collisions.
 
     Args:
-        detector: finds collisions in observed motion.
-        config: of the simulation.
+        detector: detector of collisions in observed motion.
+        config: settings of the fit and the simulation; None for the defaults.
     """
 
     def __init__(self, detector: CollisionDetector, config: PhysicsConfig | None = None) -> None:
@@ -56,12 +56,12 @@ class PhysicsPredictor:
         return FittedScene(states, smooth_tracks(states, found.collisions), found, self.config)
 
     def to(self, device: str) -> "PhysicsPredictor":
-        """Move the detector's network to a device; the simulation runs on the CPU."""
+        """Move the network of the detector to a device. The simulation runs on the CPU."""
         if isinstance(self.detector, HasWeights):
             self.detector.to(device)
         return self
 
     def save_pretrained(self, folder: str | Path) -> None:
-        """Write the detector's weights; the simulator has none."""
+        """Write the weights of the detector. The simulator has none."""
         if isinstance(self.detector, HasWeights):
             self.detector.save_pretrained(folder)

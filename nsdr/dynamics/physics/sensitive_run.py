@@ -1,11 +1,10 @@
-"""One run of the fit, from event to event, with its sensitivity to the parameters: compiled by Numba.
+"""A simulation run from event to event with its sensitivity to the parameters of the fit. Compiled by Numba.
 
-Between contacts bodies move by themselves, so the run needs no steps: a body's motion is a chain of segments, each a
-function of the state at the segment's start. `sensitivity` carries the derivatives of that state by all parameters from segment
-to segment: through a segment by the derivatives of the free motion, through a contact by those of the exchange of momentum. A
-contact has a given rebound and happens at a given gap, so the motion is a smooth function of the parameters.
-
-States are rows (x, y, vx, vy, yaw, spin).
+Between contacts each body moves independently, so the run needs no time steps: the motion of a body is a chain of segments, and
+each segment is a function of the state at its start. `Bodies.sensitivity` holds the derivatives of that state with respect to
+all parameters. The chain rule carries them through a segment by the derivatives of free motion, and through a contact by the
+derivatives of the exchange of momentum. A contact has a given rebound and happens at a given gap, so the motion is a smooth
+function of the parameters.
 """
 
 from typing import NamedTuple
@@ -14,42 +13,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
+from nsdr.dynamics.physics.body_state import SPIN, STATE_SIZE, VX, VY, YAW, X, Y
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
-from nsdr.dynamics.physics.forces import (
-    GIVEN_GAP_WORLD,
-    MIN_SPIN_RAD_PER_S,
-    SPIN,
-    YAW,
-    approach,
-    drift,
-    push,
-    slow_down,
-)
+from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, MIN_SPIN_RAD_PER_S, approach, drift, push, slow_down
 from nsdr.dynamics.sliding import slide_one
 from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS
 
 _NEWTON_STEPS = 3
-"""Refinements of the moment of a contact."""
+"""Number of Newton steps that refine the time of a contact."""
 _MIN_APPROACH_WORLD_PER_S = 0.02
-"""The moment of a slower contact is not derived: it would move too far with the parameters."""
+"""The time of a contact at a slower approach is not differentiated, because its derivatives would be too large."""
 _TIMED_GAP_WORLD = 1e-4
-"""The moment of a contact at a gap farther off that of contacts is not derived: the bodies overlapped before."""
+"""The time of a contact is not differentiated if the gap differs from `GIVEN_GAP_WORLD` by more (world units): such bodies
+overlapped before."""
 _SPIN_DIFFERENCE = 1e-4
-"""Step of the numerical derivatives of a spinning cube's motion (world units/s, radians, radians/s)."""
+"""Step of the numerical derivatives of the motion of a spinning cube (world units/s, radians, radians/s)."""
 _CONTACT_DIFFERENCE = 1e-6
-"""Step of the numerical derivatives of an exchange."""
+"""Step of the numerical derivatives of an exchange of momentum (units of its inputs)."""
+_MASS_INPUT, _REBOUND_INPUT = 2 * STATE_SIZE, 2 * STATE_SIZE + 2
+"""Inputs of an exchange of momentum: both states (0 to 11), then both masses, then the rebound."""
+_INPUTS = _REBOUND_INPUT + 1
+"""Number of inputs of an exchange of momentum."""
 
 
 class Bodies(NamedTuple):
-    """The bodies' current segments; arrays that the functions below change.
+    """The current segments of n bodies. The functions below change these arrays.
 
     Attributes:
-        shape, mass: (n,).
-        start: (n,) seconds, when the segment starts.
-        end: (n,) seconds, when a spinning segment ends; infinite otherwise.
-        state: (n, 6) at the segment's start.
-        steps: (n, T, 6) states after every Bullet step of a spinning segment.
-        sensitivity: (n, 6, P) derivatives of `state` by the parameters.
+        shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
+        mass: (n,) relative masses.
+        start: (n,) times at which the segments start (s).
+        end: (n,) times at which the spinning of cubes ends (s); infinite for segments without spin.
+        state: (n, 6) states at the start of the segments.
+        steps: (n, T, 6) states after every Bullet step of a segment with spin.
+        sensitivity: (n, 6, P) derivatives of `state` with respect to the P parameters.
     """
 
     shape: NDArray[np.int64]
@@ -63,7 +60,7 @@ class Bodies(NamedTuple):
 
 @cached_njit
 def new_bodies(shape, n_parameters, n_steps):  # type: ignore[no-untyped-def]
-    """Bodies at rest at the origin, for runs of at most `n_steps` Bullet steps."""
+    """Bodies at rest at the origin, with arrays for runs of at most `n_steps` Bullet steps."""
     n = len(shape)
     return Bodies(
         shape,
@@ -78,14 +75,17 @@ def new_bodies(shape, n_parameters, n_steps):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def copy_state(source, target):  # type: ignore[no-untyped-def]
-    """Copy a state (6,); far faster than an assignment of slices."""
+    """Copy a state (6,). A loop is much faster than an assignment of slices."""
     for k in range(6):
         target[k] = source[k]
 
 
 @cached_njit
 def _spin_steps(state, count, rows):  # type: ignore[no-untyped-def]
-    """Fill `rows` (T, 6) with the states of a spinning cube, at most `count` steps; returns the number done until it stops."""
+    """Write the states of a spinning cube after each Bullet step to `rows` (T, 6).
+
+    It ends when the spin is 0, or after `count` steps. Returns the number of steps done.
+    """
     copy_state(state, rows[0])
     for k in range(1, count + 1):
         for c in range(6):
@@ -99,7 +99,14 @@ def _spin_steps(state, count, rows):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def _between(rows, elapsed, whole, out):  # type: ignore[no-untyped-def]
-    """Write the state at a time, between two rows (T, 6) of steps up to the time `whole`, to `out` (6,)."""
+    """Interpolate between the Bullet steps of a segment.
+
+    Args:
+        rows: (T, 6) states after each step.
+        elapsed: time since the start of the segment (s).
+        whole: duration of the segment (s).
+        out: (6,) the state, which is written.
+    """
     k = min(int(elapsed / STEP_SECONDS), int(whole / STEP_SECONDS + 0.5) - 1)
     share = elapsed / STEP_SECONDS - k
     for c in range(6):
@@ -108,7 +115,7 @@ def _between(rows, elapsed, whole, out):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def start_segment(bodies, i, seconds, horizon):  # type: ignore[no-untyped-def]
-    """Start the segment of body i at a time with the state that is there already."""
+    """Start a new segment of body i at a time (s) with the state in `bodies.state`."""
     bodies.start[i] = seconds
     bodies.end[i] = np.inf
     if bodies.shape[i] == CUBE and abs(bodies.state[i, SPIN]) >= MIN_SPIN_RAD_PER_S:
@@ -121,49 +128,52 @@ def start_segment(bodies, i, seconds, horizon):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def state_at(bodies, i, seconds, out):  # type: ignore[no-untyped-def]
-    """Write the state of body i at a time of its segment to `out` (6,)."""
+    """Write the state of body i at a time (s) in its segment to `out` (6,)."""
     elapsed = seconds - bodies.start[i]
     state = bodies.state[i]
     if bodies.end[i] < np.inf:
         _between(bodies.steps[i], elapsed, bodies.end[i] - bodies.start[i], out)
         return
     copy_state(state, out)
-    speed = np.sqrt(state[2] ** 2 + state[3] ** 2)
+    speed = np.sqrt(state[VX] ** 2 + state[VY] ** 2)
     if speed == 0.0:
         return
     distance, later, _, _ = slide_one(bodies.shape[i], speed, elapsed)
     for k in range(2):
-        out[k] = state[k] + distance * state[2 + k] / speed
-        out[2 + k] = later * state[2 + k] / speed
+        out[X + k] = state[X + k] + distance * state[VX + k] / speed
+        out[VX + k] = later * state[VX + k] / speed
 
 
 @cached_njit
 def slide_derivatives(shape, state, elapsed, after, out):  # type: ignore[no-untyped-def]
-    """Write a sliding body's state (6,) after a time to `after`, and its derivatives (6, 6) by that before to `out`."""
+    """Write the state (6,) of a sliding body after `elapsed` seconds to `after`, and its derivatives (6, 6) to `out`.
+
+    The derivatives are with respect to the state before.
+    """
     copy_state(state, after)
     for r in range(6):
         for c in range(6):
             out[r, c] = 0.0
-    out[0, 0] = out[1, 1] = out[YAW, YAW] = 1.0
-    speed = np.sqrt(state[2] ** 2 + state[3] ** 2)
+    out[X, X] = out[Y, Y] = out[YAW, YAW] = 1.0
+    speed = np.sqrt(state[VX] ** 2 + state[VY] ** 2)
     if speed == 0.0:
         return
     distance, later, d_distance, d_later = slide_one(shape, speed, elapsed)
-    ux, uy = state[2] / speed, state[3] / speed
-    after[0] += distance * ux
-    after[1] += distance * uy
-    after[2], after[3] = later * ux, later * uy
-    for row, along, across in ((0, d_distance, distance / speed), (2, d_later, later / speed)):
-        out[row, 2] = across + (along - across) * ux * ux
-        out[row, 3] = out[row + 1, 2] = (along - across) * ux * uy
-        out[row + 1, 3] = across + (along - across) * uy * uy
+    ux, uy = state[VX] / speed, state[VY] / speed
+    after[X] += distance * ux
+    after[Y] += distance * uy
+    after[VX], after[VY] = later * ux, later * uy
+    for row, along, across in ((X, d_distance, distance / speed), (VX, d_later, later / speed)):
+        out[row, VX] = across + (along - across) * ux * ux
+        out[row, VY] = out[row + 1, VX] = (along - across) * ux * uy
+        out[row + 1, VY] = across + (along - across) * uy * uy
 
 
 @cached_njit
 def spin_derivatives(bodies, i, seconds, first_frame, out):  # type: ignore[no-untyped-def]
-    """Write the derivatives of a spinning cube's states by that at the start to `out` (T, 6, 6).
+    """Write the derivatives of T states of a spinning cube with respect to its state at the start to `out` (T, 6, 6).
 
-    The states are those at the frames from `first_frame` on, and the last one is that at a time `seconds`.
+    The first T - 1 states are those in the frames from `first_frame` on, and the last is the one at the time `seconds`.
     """
     count = int((seconds - bodies.start[i]) / STEP_SECONDS) + 1
     rows = np.empty((count + 1, 6))
@@ -171,12 +181,12 @@ def spin_derivatives(bodies, i, seconds, first_frame, out):  # type: ignore[no-u
     for t in range(len(out)):
         for r in range(6):
             for c in range(6):
-                out[t, r, c] = 1.0 if r == c and c < 2 else 0.0
-    for c in range(2, 6):
+                out[t, r, c] = 1.0 if r == c and c < VX else 0.0
+    for c in range(VX, STATE_SIZE):
         state[c] += _SPIN_DIFFERENCE
         done = _spin_steps(state, count, rows)
         state[c] -= _SPIN_DIFFERENCE
-        for k in range(done, count):  # it stops a step or two before the unchanged one
+        for k in range(done, count):  # it may stop a step or two before the unperturbed cube
             copy_state(rows[k], rows[k + 1])
         for t in range(len(out)):
             when = (first_frame + t) * FRAME_SECONDS if t < len(out) - 1 else seconds
@@ -188,7 +198,15 @@ def spin_derivatives(bodies, i, seconds, first_frame, out):  # type: ignore[no-u
 
 @cached_njit
 def advance(bodies, i, seconds, state, derivatives):  # type: ignore[no-untyped-def]
-    """Move the segment's start of body i to a later time, where its state has derivatives (6, 6) by that at the start."""
+    """Move the start of body i's segment to a later time (s).
+
+    Args:
+        bodies: the bodies.
+        i: index of the body.
+        seconds: the later time (s).
+        state: (6,) state at that time.
+        derivatives: (6, 6) derivatives of `state` with respect to the state at the old start.
+    """
     copy_state(state, bodies.state[i])
     bodies.start[i] = seconds
     moved = np.empty(6)
@@ -203,7 +221,11 @@ def advance(bodies, i, seconds, state, derivatives):  # type: ignore[no-untyped-
 
 @cached_njit
 def _refined(bodies, i, j, shape, state, seconds, left, apart):  # type: ignore[no-untyped-def]
-    """The moment at which the gap is that of contacts, not before `seconds`."""
+    """The time from `seconds` on at which the gap is `GIVEN_GAP_WORLD`, by Newton's method (s).
+
+    `left` is the gap minus `GIVEN_GAP_WORLD` at `seconds`, and `apart` the separation speed there. `shape` (2,) and `state`
+    (2, 6) are those of bodies i and j; `state` is overwritten.
+    """
     when = seconds
     for _ in range(_NEWTON_STEPS):
         if apart > -_MIN_APPROACH_WORLD_PER_S:
@@ -218,10 +240,10 @@ def _refined(bodies, i, j, shape, state, seconds, left, apart):  # type: ignore[
 
 @cached_njit
 def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
-    """Time of the first contact of bodies i and j in their present segments between two times; infinite without one.
+    """Time of the first contact of bodies i and j in their current segments from `since` to `until` (s); infinite without one.
 
-    Bodies that are apart by a distance can't touch before they have covered it at their present speeds, which only fall. Where
-    they are near, they are looked at after every Bullet step.
+    Speeds only fall, so two bodies cannot touch before they have covered the distance between them at their current speeds.
+    Bodies that are near each other are checked after every Bullet step.
     """
     shape, state = np.array([bodies.shape[i], bodies.shape[j]]), np.empty((2, 6))
     corners = (CORNER_WORLD if shape[0] == CUBE else 0.0) + (CORNER_WORLD if shape[1] == CUBE else 0.0)
@@ -230,11 +252,11 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
     while seconds <= until:
         state_at(bodies, i, seconds, state[0])
         state_at(bodies, j, seconds, state[1])
-        speed = np.sqrt(state[0, 2] ** 2 + state[0, 3] ** 2) + np.sqrt(state[1, 2] ** 2 + state[1, 3] ** 2)
+        speed = np.sqrt(state[0, VX] ** 2 + state[0, VY] ** 2) + np.sqrt(state[1, VX] ** 2 + state[1, VY] ** 2)
         spin = abs(state[0, SPIN]) + abs(state[1, SPIN])
         if speed == 0.0 and spin == 0.0:
             return np.inf
-        apart_world = np.sqrt((state[1, 0] - state[0, 0]) ** 2 + (state[1, 1] - state[0, 1]) ** 2) - reach
+        apart_world = np.sqrt((state[1, X] - state[0, X]) ** 2 + (state[1, Y] - state[0, Y]) ** 2) - reach
         if apart_world > speed * STEP_SECONDS:
             seconds += apart_world / speed if speed > 0.0 else np.inf
             continue
@@ -248,47 +270,47 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
 
 @cached_njit
 def _rates(shape, states, out):  # type: ignore[no-untyped-def]
-    """Write the rates of change of two states (2, 6) to `out` (2, 6): damping and friction change velocities and spins."""
+    """Write the time derivatives of two states (2, 6) to `out` (2, 6). Damping and friction change velocities and spins."""
     slowed = states.copy()
     for b in range(2):
         slow_down(shape[b], slowed, b)
         for c in range(2):
-            out[b, c] = states[b, 2 + c]
-            out[b, 2 + c] = (slowed[b, 2 + c] - states[b, 2 + c]) / STEP_SECONDS
+            out[b, X + c] = states[b, VX + c]
+            out[b, VX + c] = (slowed[b, VX + c] - states[b, VX + c]) / STEP_SECONDS
         out[b, YAW] = states[b, SPIN]
         out[b, SPIN] = (slowed[b, SPIN] - states[b, SPIN]) / STEP_SECONDS
 
 
 @cached_njit
 def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ignore[no-untyped-def]
-    """Write the states (2, 6) after a contact to `after`, and to `out` (2, 6, 15) their derivatives.
+    """Write the states (2, 6) after a contact to `after`, and their derivatives with respect to all inputs to `out` (2, 6, 15).
 
-    They are those by the states before (12), by both masses, and by the rebound. Another state before makes the contact
-    earlier or later: the bodies then move on as before it until then, and as after it from then on, and they slow down
-    differently before and after.
+    The inputs are the states before (12), both masses, and the rebound. A change of a state before the contact also changes the
+    time of the contact. The bodies then move by the old rates of change until the new time, and by the new rates after it.
     """
     gap, apart, _, _, _, _ = approach(shape, before, 0, 1)
     timed = apart < -_MIN_APPROACH_WORLD_PER_S and abs(gap - GIVEN_GAP_WORLD) < _TIMED_GAP_WORLD
     rate, rate_after = np.empty((2, 6)), np.empty((2, 6))
     _rates(shape, before, rate)
     masses, state = mass.copy(), np.empty((2, 6))
-    for k in range(-1, 15):
-        if 0 <= k < 12 and k % 6 >= YAW and shape[k // 6] != CUBE:
+    for k in range(-1, _INPUTS):  # -1: no input is changed
+        is_state = 0 <= k < _MASS_INPUT
+        if is_state and k % STATE_SIZE >= YAW and shape[k // STATE_SIZE] != CUBE:
             continue
         for b in range(2):
             copy_state(before[b], state[b])
-            masses[b] = mass[b] + (_CONTACT_DIFFERENCE if k == 12 + b else 0.0)
-        if 0 <= k < 12:
-            state[k // 6, k % 6] += _CONTACT_DIFFERENCE
+            masses[b] = mass[b] + (_CONTACT_DIFFERENCE if k == _MASS_INPUT + b else 0.0)
+        if is_state:
+            state[k // STATE_SIZE, k % STATE_SIZE] += _CONTACT_DIFFERENCE
         seconds = 0.0
-        if timed:  # it happens when the gap is that of contacts
+        if timed:  # time until the gap is GIVEN_GAP_WORLD
             gap, apart, _, _, _, _ = approach(shape, state, 0, 1)
             seconds = (gap - GIVEN_GAP_WORLD) / -apart
         for b in range(2):
             for r in range(6):
                 state[b, r] += seconds * rate[b, r]
         _, apart, nx, ny, ci, cj = approach(shape, state, 0, 1)
-        share = rebound + (_CONTACT_DIFFERENCE if k == 14 else 0.0)
+        share = rebound + (_CONTACT_DIFFERENCE if k == _REBOUND_INPUT else 0.0)
         push(shape, state, masses, 0, 1, -(1 + share) * apart, nx, ny, ci, cj)
         if k < 0:
             _rates(shape, state, rate_after)
@@ -303,16 +325,16 @@ def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ig
 
 @cached_njit
 def exchange(bodies, i, j, rebound, by_parameter):  # type: ignore[no-untyped-def]
-    """Apply the contact of bodies i and j, both at their segments' starts, to their states and sensitivities.
+    """Apply the contact of bodies i and j, both at the start of their segments, to their states and sensitivities.
 
-    `by_parameter` (3, P) are the derivatives of the masses of i and j and of the rebound.
+    `by_parameter` (3, P) holds the derivatives of the masses of i and j and of the rebound with respect to the parameters.
     """
     shape = np.array([bodies.shape[i], bodies.shape[j]])
     mass = np.array([bodies.mass[i], bodies.mass[j]])
     before, after = np.empty((2, 6)), np.empty((2, 6))
     copy_state(bodies.state[i], before[0])
     copy_state(bodies.state[j], before[1])
-    by_input = np.zeros((2, 6, 15))
+    by_input = np.zeros((2, STATE_SIZE, _INPUTS))
     _exchange_derivatives(shape, before, mass, rebound, after, by_input)
     moved = np.empty((2, 6))
     for p in range(bodies.sensitivity.shape[2]):
@@ -321,9 +343,9 @@ def exchange(bodies, i, j, rebound, by_parameter):  # type: ignore[no-untyped-de
                 total = 0.0
                 for c in range(6):
                     total += by_input[b, r, c] * bodies.sensitivity[i, c, p]
-                    total += by_input[b, r, 6 + c] * bodies.sensitivity[j, c, p]
+                    total += by_input[b, r, STATE_SIZE + c] * bodies.sensitivity[j, c, p]
                 for k in range(3):
-                    total += by_input[b, r, 12 + k] * by_parameter[k, p]
+                    total += by_input[b, r, _MASS_INPUT + k] * by_parameter[k, p]
                 moved[b, r] = total
         for r in range(6):
             bodies.sensitivity[i, r, p] = moved[0, r]

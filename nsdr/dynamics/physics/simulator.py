@@ -1,11 +1,11 @@
-"""A fast planar simulator of CLEVRER's physics: rigid bodies on the ground plane with Bullet's contact rule, compiled by Numba.
+"""A fast planar simulator of CLEVRER's physics: rigid bodies on the ground plane with Bullet's contact rule. Compiled by Numba.
 
-All objects stand upright at one height, so what Bullet does in space happens in the plane: they slide, lose speed, and cubes
-spin. Bullet steps 0.004 s at a time and handles contacts at a distance: once the gap is below a threshold, the speed after a
-contact is at most the rebound minus gap / step. So the same collision rebounds with anything from 0 to 0.64 of the approach
-speed, depending on where in a step it falls; where cubes and cylinders tip it depends less (`speed_after`). `rebound` replaces
-this rule for a pair by a given rebound at a given gap, so that the motion is a smooth function of the initial state, as a fit
-needs it.
+All objects stand upright at the same height, so their motion in Bullet is planar: they slide and lose speed, and cubes spin.
+Bullet's time step is 0.004 s, and it handles contacts at a distance: once the gap is below a threshold, the separation speed
+after a contact is at most the rebound minus gap / step. So the same collision rebounds with 0 to 0.64 of the approach speed,
+depending on when in a time step it happens; the dependence is weaker where cubes and cylinders tip (`speed_after`). A given
+`rebound` replaces this rule for a pair: the bodies then make contact at a given gap, and the motion is a smooth function of the
+initial state, as a fit requires.
 """
 
 from dataclasses import dataclass
@@ -14,29 +14,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
+from nsdr.dynamics.physics.body_state import SPIN, STATE_SIZE, VX, VY, X, Y
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
 from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, approach, drift, push, rebound_at, slow_down, speed_after
-from nsdr.validation import FloatArray, IntArray
+from nsdr.validation import BoolArray, FloatArray, IntArray
 from nsdr.world.physics_constants import CONTACT_THRESHOLD_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
 NO_CONTACT = -1
-"""Frame of the first contact of a pair that never touches."""
+"""Frame of the first contact of pairs that never touch."""
 _STEP_REACH_WORLD = 0.03
-"""Distance that two fast bodies cover in a step (world units, rounded up)."""
-_MOST_STEPS = 10**6
-"""Steps until the next look at two bodies that rest."""
+"""Distance that two fast bodies cover in a Bullet step (world units, rounded up)."""
+_MAX_STEPS = 10**6
+"""Number of Bullet steps until the next check of two bodies at rest."""
 _MAX_SWEEPS = 2
-"""Passes over the contacts of a step: a second one where several press on each other."""
+"""Passes over the contacts in a Bullet step; the second is needed if several bodies press on each other."""
 
 
 @dataclass(frozen=True)
 class BodyStates:
-    """Objects at the start of a run.
+    """The bodies at the start of a run.
 
     Attributes:
         shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
-        state: (n, 6) rows (x, y, vx, vy, yaw, spin): world units, radians and seconds.
-        mass: (n,) relative.
+        state: (n, 6) states (x, y, vx, vy, yaw, spin), in world units, radians and seconds.
+        mass: (n,) relative masses.
     """
 
     shape: IntArray
@@ -46,28 +47,42 @@ class BodyStates:
 
 @dataclass(frozen=True)
 class PrescribedMotion:
-    """Motion that objects keep until one that does not keep its own collides with them.
+    """Motion that objects keep until they are set free.
+
+    In each frame, an object is in one of two states:
+
+    - prescribed: it moves as in `states`, and nothing pushes it;
+    - free: it is simulated, from the state that it had in the frame in which it was set free.
+
+    An object without prescribed motion is free from the start. Any other object is set free in the first of these frames:
+
+    - the frame `free_at_latest`;
+    - the frame in which a free object touches it;
+    - the frame before one of its prescribed collisions, if the other object is absent or free by then.
+
+    A free object stays free.
 
     Attributes:
-        states: (n, F, 6) rows at every frame of a video.
-        until: (n,) int, the frame from which each object is simulated; 0 for an object that is simulated from the start.
-        collisions: (E, 3) int, (i, j, frame) of prescribed collisions in order of time. If either object is absent or already
-            simulated by then, the other is simulated from the frame before.
+        states: (n, F, 6) prescribed states in every frame of a video.
+        is_prescribed: (n,) bool, whether each object has prescribed motion.
+        free_at_latest: (n,) int, the frame, below F, in which each object with prescribed motion is set free at the latest.
+        collisions: (E, 3) int, prescribed collisions (i, j, frame) in order of time.
     """
 
     states: FloatArray
-    until: IntArray
+    is_prescribed: BoolArray
+    free_at_latest: IntArray
     collisions: IntArray
 
 
 @dataclass(frozen=True)
 class Perturbations:
-    """Changes of the start of further runs.
+    """Perturbations of R further runs.
 
     Attributes:
-        state: (R, n, F, 6) added to rows at each frame, where motion is prescribed, and at the start; the last is that of later
-            frames, too. Bodies at rest get no velocity.
-        mass: (R, n) factors.
+        state: (R, n, F, 6) differences that are added to the states at the start and, for prescribed motion, in every frame.
+            The last frame also stands for all later ones. Bodies at rest stay at rest.
+        mass: (R, n) factors by which the masses are multiplied.
     """
 
     state: FloatArray
@@ -76,12 +91,13 @@ class Perturbations:
 
 @dataclass(frozen=True)
 class SimulatedMotion:
-    """Result of a run, and of those with perturbations.
+    """Result of a run and of R perturbed runs.
 
     Attributes:
-        states: (n, F, 6) rows; zero before the first frame.
-        contacts: (1 + R, n, n) int, the frame of each pair's first contact in each run, `NO_CONTACT` for none.
-        free_from: (1 + R, n) int, the frame from which each object is simulated in each run.
+        states: (n, F, 6) states in the unperturbed run; zero before its first frame.
+        contacts: (1 + R, n, n) int, the frame of the first contact of each pair in each run, or `NO_CONTACT`.
+        free_from: (1 + R, n) int, the frame in which each object was set free in each run (see `PrescribedMotion`); 0 for
+            objects without prescribed motion.
     """
 
     states: FloatArray
@@ -101,25 +117,32 @@ def simulate(
     """Run the bodies from frame `start` to frame `n_frames - 1`, and again with each of R perturbations.
 
     Args:
-        bodies: their state at frame `start`.
-        exists: (n,) bool; the others are absent.
-        n_frames: end of the run.
-        rebound: (n, n) rebound of each pair as a share of its approach speed; NaN for Bullet's rule, None for it everywhere.
-        prescribed: motion of objects until they are simulated.
-        start: first frame.
-        perturbations: of the further runs.
+        bodies: the bodies in frame `start`.
+        exists: (n,) bool, whether each body exists; the others are absent.
+        n_frames: number of frames, counted from frame 0.
+        rebound: (n, n) ratio of separation speed to approach speed for each pair; NaN for Bullet's rule. None for Bullet's rule
+            everywhere.
+        prescribed: motion of objects until they are set free; None if all are free from the start.
+        start: first frame of the run.
+        perturbations: perturbations of further runs; None for a single run.
     """
     n, mass = len(bodies.shape), np.asarray(bodies.mass, float)
     rebound = np.full((n, n), np.nan) if rebound is None else rebound
-    kept = prescribed or PrescribedMotion(np.zeros((n, 1, 6)), np.zeros(n, int), np.zeros((0, 3), int))
-    runs = [(np.zeros((n, 1, 6)), mass)]
+    if prescribed is None:
+        prescribed = PrescribedMotion(
+            np.zeros((n, 1, STATE_SIZE)), np.zeros(n, bool), np.zeros(n, int), np.zeros((0, 3), int)
+        )
+    latest = np.where(prescribed.is_prescribed, prescribed.free_at_latest, 0)
+    runs = [(np.zeros((n, 1, STATE_SIZE)), mass)]
     if perturbations is not None:
         runs += zip(perturbations.state, mass * perturbations.mass, strict=True)
-    shape, until, collisions = (np.ascontiguousarray(a, np.int64) for a in (bodies.shape, kept.until, kept.collisions))
-    state, rebound, rows = (np.ascontiguousarray(a, float) for a in (bodies.state, rebound, kept.states))
+    shape, latest, collisions = (
+        np.ascontiguousarray(a, np.int64) for a in (bodies.shape, latest, prescribed.collisions)
+    )
+    state, rebound, rows = (np.ascontiguousarray(a, float) for a in (bodies.state, rebound, prescribed.states))
+    motion = rows, np.ascontiguousarray(prescribed.is_prescribed), latest, collisions
     results = [
-        _run(shape, state, change, own_mass, exists, rebound, rows, until, collisions, start, n_frames)
-        for change, own_mass in runs
+        _run(shape, state, change, own_mass, exists, rebound, *motion, start, n_frames) for change, own_mass in runs
     ]
     _, contacts, free_from = zip(*results, strict=True)
     return SimulatedMotion(results[0][0], np.stack(contacts), np.stack(free_from))
@@ -127,12 +150,13 @@ def simulate(
 
 @cached_njit
 def _collide(shape, state, mass, i, j, given, used):  # type: ignore[no-untyped-def]
-    """Apply the impulse of two bodies on each other if they touch in this step.
+    """Apply the impulse between bodies i and j if they touch in this Bullet step.
 
-    With a given rebound it acts at a moment within the step, otherwise at its start. Returns whether they touched, and how far
-    they must still move, both together, until they can touch (world units).
+    With a given rebound (`given`, NaN for Bullet's rule) the impulse acts at a time within the step, otherwise at its start. If
+    the given rebound is already `used`, the bodies do not rebound again. Returns whether they touched, and the distance that
+    both together must still move before they can touch (world units).
     """
-    dx, dy = state[j, 0] - state[i, 0], state[j, 1] - state[i, 1]
+    dx, dy = state[j, X] - state[i, X], state[j, Y] - state[i, Y]
     reach = 2 * ROUND + _STEP_REACH_WORLD
     reach += (CORNER_WORLD if shape[i] == CUBE else 0.0) + (CORNER_WORLD if shape[j] == CUBE else 0.0)
     distance = np.sqrt(dx * dx + dy * dy)
@@ -155,26 +179,31 @@ def _collide(shape, state, mass, i, j, given, used):  # type: ignore[no-untyped-
 
 @cached_njit
 def _steps_apart(state, i, j, distance):  # type: ignore[no-untyped-def]
-    """Steps in which two bodies surely do not touch that must move by a distance for it: their speeds only fall."""
-    speed = np.sqrt(state[i, 2] ** 2 + state[i, 3] ** 2) + np.sqrt(state[j, 2] ** 2 + state[j, 3] ** 2)
-    speed += (ROUND + CORNER_WORLD) * (abs(state[i, 5]) + abs(state[j, 5]))
-    if distance >= _MOST_STEPS * STEP_SECONDS * speed:
-        return _MOST_STEPS
+    """Number of Bullet steps in which bodies i and j cannot cover a distance that separates them, as speeds only fall."""
+    speed = np.sqrt(state[i, VX] ** 2 + state[i, VY] ** 2) + np.sqrt(state[j, VX] ** 2 + state[j, VY] ** 2)
+    speed += (ROUND + CORNER_WORLD) * (abs(state[i, SPIN]) + abs(state[j, SPIN]))
+    if distance >= _MAX_STEPS * STEP_SECONDS * speed:
+        return _MAX_STEPS
     return max(int(distance / (STEP_SECONDS * speed)) - 1, 1) if distance > 0 else 1
 
 
 @cached_njit
 def _changed(row, change, i, frame, out):  # type: ignore[no-untyped-def]
-    """Write a state (6,) with body i's change at a frame, of `change` (n, F, 6), to row i of `out`; a body at rest stays so."""
-    rests = row[2] == 0.0 and row[3] == 0.0
+    """Write a state (6,) plus the perturbation of body i in a frame, from `change` (n, F, 6), to row i of `out`.
+
+    A body at rest stays at rest.
+    """
+    rests = row[VX] == 0.0 and row[VY] == 0.0
     frame = min(frame, change.shape[1] - 1)
-    for k in range(6):
-        out[i, k] = row[k] if rests and (k == 2 or k == 3) else row[k] + change[i, frame, k]
+    for k in range(STATE_SIZE):
+        out[i, k] = row[k] if rests and k in (VX, VY) else row[k] + change[i, frame, k]
 
 
 @cached_njit
-def _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from):  # type: ignore[no-untyped-def]
-    """Bring a frame's prescribed collisions and states, with the run's change (n, F, 6), to the bodies."""
+def _follow_prescribed(  # type: ignore[no-untyped-def]
+    rows, change, collisions, is_prescribed, frame, exists, state, contact, touched, free_from
+):
+    """Apply the prescribed collisions and states of a frame to the bodies, with the perturbation `change` (n, F, 6)."""
     for e in range(len(collisions)):
         i, j, when = collisions[e, 0], collisions[e, 1], collisions[e, 2]
         if when - 1 == frame:
@@ -185,28 +214,33 @@ def _follow_prescribed(rows, change, collisions, until, frame, exists, state, co
             else:
                 free_from[i] = min(free_from[i], frame)
                 free_from[j] = min(free_from[j], frame)
-    for i in range(len(until)):
-        if frame <= free_from[i] and until[i] > 0:
+    for i in range(len(is_prescribed)):
+        if is_prescribed[i] and frame <= free_from[i]:
             _changed(rows[i, frame], change, i, frame, state)
 
 
 @cached_njit
-def _run(shape, state, change, mass, exists, rebound, rows, until, collisions, start, n_frames):  # type: ignore[no-untyped-def]
-    """States (n, n_frames, 6), first contacts (n, n) and ends (n,) of prescribed motion, with a change (n, F, 6) of states."""
+def _run(  # type: ignore[no-untyped-def]
+    shape, state, change, mass, exists, rebound, rows, is_prescribed, free_at_latest, collisions, start, n_frames
+):
+    """One run with a perturbation `change` (n, F, 6) of the states.
+
+    Returns the states (n, n_frames, 6), the frames of first contacts (n, n), and the frames in which bodies were set free (n,).
+    """
     n = len(shape)
-    states = np.zeros((n, n_frames, 6))
+    states = np.zeros((n, n_frames, STATE_SIZE))
     contact, touched = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.bool_)
     next_look = np.zeros((n, n), np.int64)
-    free_from, given, state = until.copy(), state, np.empty((n, 6))
+    free_from, given, state = free_at_latest.copy(), state, np.empty((n, STATE_SIZE))
     for i in range(n):
         _changed(given[i], change, i, start, state)
     step_number = start * STEPS_PER_FRAME
     for frame in range(start, n_frames):
-        _follow_prescribed(rows, change, collisions, until, frame, exists, state, contact, touched, free_from)
+        _follow_prescribed(rows, change, collisions, is_prescribed, frame, exists, state, contact, touched, free_from)
         any_free = False
         for i in range(n):
             any_free |= exists[i] and free_from[i] <= frame
-            for k in range(6):
+            for k in range(STATE_SIZE):
                 states[i, frame, k] = state[i, k]
         if frame == n_frames - 1 or not any_free:
             step_number += STEPS_PER_FRAME
@@ -240,7 +274,7 @@ def _run(shape, state, change, mass, exists, rebound, rows, until, collisions, s
                             free_from[body] = min(free_from[body], frame)
                             for other in range(n):
                                 next_look[body, other] = next_look[other, body] = step_number
-                if hits < 2:  # one contact needs no second look; several may press on each other
+                if hits < 2:  # one contact needs no second pass; several may press on each other
                     break
             for i in range(n):
                 if exists[i]:

@@ -1,6 +1,6 @@
-"""The solution of a fit: Gauss and Newton's steps within a trust region, and how far the fitted masses can be trusted.
+"""The optimiser of a fit, Gauss-Newton steps in a trust region, and the covariance of the fitted masses.
 
-Differs from `scipy.optimize.least_squares`: the objective returns its gradient and curvature, not its residuals.
+Unlike in `scipy.optimize.least_squares`, the objective returns its gradient and curvature instead of its residuals.
 """
 
 import numpy as np
@@ -12,29 +12,33 @@ from nsdr.validation import FloatArray
 from nsdr.world.physics_constants import LOG_MASS_STD
 
 FIRST_RADIUS = 1.0
-"""First trust region (units of the parameters)."""
+"""Initial radius of the trust region (units of the parameters)."""
 MIN_STEP = 1e-3
-"""Steps shorter than this end the search (units of the parameters)."""
+"""A step shorter than this ends the search (units of the parameters)."""
 MIN_GAIN = 1e-4
-"""Steps that lower the cost by a smaller share end the search."""
+"""A step that lowers the cost by a smaller share of it ends the search."""
 RIDGE = 1e-9
-"""Share of the largest curvature that is added to all, so that parameters without data have one, and stay where they are."""
+"""This share of the largest curvature is added to the whole diagonal, so that parameters without data have a curvature and keep
+their values."""
 BOUNDARY = 0.1
-"""A step may be this share longer or shorter than the trust region."""
+"""Relative tolerance of the length of a step at the boundary of the trust region."""
 MULTIPLIERS = 10
-"""Largest number of trials for a step at the boundary."""
+"""Largest number of multipliers that are tried for a step at the boundary of the trust region."""
 DATA_ERROR_SCALE = 5.0
-"""How many times larger than assumed by the fit the errors of the data act: they are alike in neighbouring frames, and the
-simulator is not exact. Chosen so that about 95 % of the errors of fitted mass ratios are within 1.645 standard deviations:
-`python benchmarks/extensions.py DATA PROPOSALS --scenes 70 --errors`."""
+"""Factor by which the errors of the data are effectively larger than the fit assumes, because they are correlated between
+neighbouring frames and the simulator is not exact. Chosen so that about 95 % of the errors of fitted mass ratios are within
+1.645 standard deviations: `python benchmarks/extensions.py DATA PROPOSALS --scenes 70 --errors`."""
 MAX_COST = 1.0
-"""A fit with a higher cost does not explain the video, so it says nothing about masses. Set on the same videos, where 63 of 70
-fits cost less: without a limit (`inf`) the command prints 2.4 standard deviations in place of 1.6."""
+"""A fit with a higher cost does not explain the video, so its masses are not used. Set on the videos of `DATA_ERROR_SCALE`,
+where 63 of 70 fits cost less; without a limit (`inf`) the command prints 2.4 standard deviations instead of 1.6."""
 
 
 @cached_njit
 def trust_region_step(gradient, curvature, radius):  # type: ignore[no-untyped-def]
-    """The step (P,) that lowers a quadratic model most and is at most about `radius` long (Moré and Sorensen, 1983)."""
+    """The step (P,) of length at most about `radius` that minimises the quadratic model (Moré and Sorensen, 1983).
+
+    The step solves (curvature + multiplier · I) step = -gradient.
+    """
     step, multiplier = np.zeros_like(gradient), RIDGE * np.diag(curvature).max()
     for trial in range(MULTIPLIERS):
         damped = curvature + multiplier * np.eye(len(gradient))
@@ -48,13 +52,16 @@ def trust_region_step(gradient, curvature, radius):  # type: ignore[no-untyped-d
 
 
 def minimise(p: FitProblem, x: FloatArray, n_frames: int, evaluations: int) -> tuple[FloatArray, float]:
-    """Parameters (P,) of a local minimum near a start, and the mean loss there.
+    """Find a local minimum of the objective.
 
     Args:
-        p: what is fitted.
-        x: (P,) start.
-        n_frames: frames that are fitted.
+        p: the problem.
+        x: (P,) parameters at the start.
+        n_frames: number of frames that are fitted.
         evaluations: maximum number of evaluations.
+
+    Returns:
+        The parameters (P,) at the minimum, and the mean loss there.
     """
     step, gradient, curvature = np.zeros_like(x), np.zeros_like(x), np.zeros((len(x), len(x)))
     cost, radius = float("inf"), FIRST_RADIUS
@@ -76,15 +83,16 @@ def minimise(p: FitProblem, x: FloatArray, n_frames: int, evaluations: int) -> t
 
 
 def log_mass_covariance(problem: FitProblem, curvature: FloatArray, cost: float) -> FloatArray:
-    """Covariance (n, n) of the errors of the fitted log masses, by Laplace's approximation.
+    """Covariance (n, n) of the errors of the fitted log masses, by the Laplace approximation.
 
-    The data count as if their noise were `DATA_ERROR_SCALE` times that of the fit; priors count as they are. Masses that are
-    not fitted, of objects without a collision, have the variance of the prior, as have all where the fit failed.
+    covariance = (information of the data / `DATA_ERROR_SCALE`² + information of the prior)⁻¹
+
+    Masses of objects without a collision are not fitted and have the variance of the prior. If the fit failed, all masses have.
 
     Args:
-        problem: of the fit.
-        curvature: (P, P) of the mean loss at the solution.
-        cost: the mean loss there.
+        problem: the problem that was solved.
+        curvature: (P, P) curvature of the mean loss at the solution.
+        cost: mean loss at the solution.
     """
     result = LOG_MASS_STD**2 * np.eye(len(problem.shape))
     if cost > MAX_COST:

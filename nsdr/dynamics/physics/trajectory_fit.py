@@ -1,6 +1,6 @@
-"""Fitting the planar simulator to tracks: initial states, masses, yaws and rebounds, so that one run explains the video.
+"""The fit of the planar simulator to tracks: initial states, masses, yaws and rebounds with which one run explains the video.
 
-The window of frames grows by one collision at a time, so that each fit starts near its solution; given rebounds make the
+The window of fitted frames grows by one collision at a time, so that each fit starts near its solution. Given rebounds make the
 motion a smooth function of the initial state (see `simulator`).
 """
 
@@ -10,19 +10,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from nsdr.dynamics.motion_states import COLLISION_MARGIN_FRAMES, REST_SPEED_WORLD_PER_S, MotionStates, detections_in
+from nsdr.dynamics.physics.body_state import POSITION, VELOCITY, VX, VY, YAW, X, Y
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.contact_geometry import CUBE
+from nsdr.dynamics.physics.cube_edges import cube_edges_px, projection_rows
 from nsdr.dynamics.physics.fit_objective import (
     LOG_MASS,
     MAX_FITTED_REBOUND,
+    NO_OBJECT,
     PAIR_REBOUND,
     REBOUND,
     FitProblem,
-    cube_edges_px,
     evaluate,
-    rows_of,
 )
-from nsdr.dynamics.physics.forces import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.simulator import BodyStates
 from nsdr.dynamics.physics.solver import log_mass_covariance, minimise
 from nsdr.dynamics.sliding import slide
@@ -32,32 +32,32 @@ from nsdr.validation import FloatArray, IntArray
 from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD
 from nsdr.world.vocabulary import SHAPES
 
-UNITS = np.array([0.01, 0.01, 0.02, 0.02, 0.1, np.nan, LOG_MASS_STD, 0.15])
-"""Typical change of each kind of parameter (see `FitProblem`); the optimiser works in these units."""
+UNITS = {X: 0.01, Y: 0.01, VX: 0.02, VY: 0.02, YAW: 0.1, LOG_MASS: LOG_MASS_STD, PAIR_REBOUND: 0.15}
+"""Unit of each kind of parameter in the optimiser: a typical change (world units, world units/s, radians)."""
 REBOUND_DEVIATION = 0.2
-"""Prior standard deviation of a rebound. Like the others here, set on left-out scenes of `train`."""
+"""Standard deviation of the prior of a rebound. Set, like the other constants of this module, on left-out scenes of `train`."""
 MAX_REBOUND = 0.65
-"""Largest rebound that a restart draws (Bullet's restitution is 0.64)."""
+"""Largest rebound that a restart draws (Bullet's coefficient of restitution is 0.64)."""
 MIN_WINDOW_FRAMES = 8
-"""Shortest window that is fitted (frames)."""
+"""Length of the shortest window that is fitted (frames)."""
 YAW_FRAMES = 8
-"""Frames after an object's reference frame whose edges give the first guess of its yaw."""
+"""The first guess of the yaw of a cube is based on its edges up to this many frames after its reference frame."""
 DEFAULT_YAW = 0.4
-"""First guess of the yaw (radians) of a cube without reliable edges."""
+"""First guess of the yaw of a cube without reliable edges (radians)."""
 MIN_MOVING_FRAMES = 3
-"""Frames over which an object's first detections must reach to show that it moves."""
+"""The first detections of an object must span this many frames to show that it moves."""
 MIN_SPEED_WORLD_PER_S = 0.2
-"""Objects slower than this when seen before their first collision are treated as at rest (world units/s)."""
+"""An object that is slower before its first collision is treated as at rest (world units/s)."""
 EVALUATIONS = 25
-"""Largest number of evaluations of the optimiser for a window."""
+"""Largest number of evaluations of the objective for a window."""
 YAW_GUESSES = 12
-"""First guesses of a cube's yaw, over a quarter turn."""
+"""Number of yaws that are compared for the first guess of a cube's yaw, spread over a quarter turn."""
 GOOD_COST = 0.4
-"""Fits with at most this cost are not restarted: they explain a video at least half."""
+"""A fit with a lower cost is not restarted. At this cost, a fit counts as explaining half of the video."""
 RESTART_YAW_NOISE_PX = 0.7
-"""Mean of the exponential noise on a yaw's edge error when a restart draws it (pixels)."""
+"""Mean of the exponential noise that a restart adds to the edge error of each yaw before it picks the best (pixels)."""
 RESTART_LOG_MASS_SCALE = 0.7
-"""Standard deviation of restarts' log masses, in `UNITS`; other parameters have 1."""
+"""Standard deviation of the noise that a restart adds to a log mass, in its unit in `UNITS`; it is 1 for other parameters."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +65,12 @@ class TrajectoryFit:
     """One run of the simulator that explains a video.
 
     Attributes:
-        bodies: the objects at frame 0.
-        rebound: (n, n) fitted rebounds, NaN for pairs that were not expected to collide.
-        states: (n, F, 6) the run over the video.
-        contact: (n, n) int, the frame of each pair's first contact in it, `NO_CONTACT` for none.
-        cost: half the sum of squared, robust residuals for each datum.
-        log_mass_covariance: (n, n) covariance of the log masses' errors; see `solver`.
+        bodies: the objects in frame 0.
+        rebound: (n, n) fitted rebounds; NaN for pairs that were not expected to collide.
+        states: (n, F, 6) states in every frame of the run.
+        contact: (n, n) int, the frame of the first contact of each pair in the run, or `NO_CONTACT`.
+        cost: mean robust loss of the residuals.
+        log_mass_covariance: (n, n) covariance of the errors of the log masses; see `solver`.
     """
 
     bodies: BodyStates
@@ -87,13 +87,13 @@ def fit_trajectories(
     restarts: int = PhysicsConfig.restarts,
     start: TrajectoryFit | None = None,
 ) -> TrajectoryFit:
-    """Fit one run to a video's tracks.
+    """Fit one run of the simulator to the tracks of a video.
 
     Args:
-        states: of at least one object.
-        collisions: during the video, in order of time.
-        restarts: largest number of restarts for a window.
-        start: fit of the same tracks from which this one starts; None for a first guess.
+        states: motion states of at least one object.
+        collisions: collisions during the video, in order of time.
+        restarts: largest number of restarts for each window.
+        start: a fit of the same tracks with other collisions, from which this fit starts; None for a first guess.
     """
     problem = _Problem(states, collisions, restarts)
     if start is not None:
@@ -107,7 +107,7 @@ def fit_trajectories(
 
 
 class _Problem:
-    """Parameters <-> runs, and what a first guess is made of."""
+    """The fit of one video: first guesses of its parameters, their optimisation, and conversion to runs."""
 
     def __init__(
         self, states: MotionStates, collisions: Sequence[Event], restarts: int = PhysicsConfig.restarts
@@ -117,16 +117,16 @@ class _Problem:
         n, self.frames = states.present.shape
         self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
         self.reference = np.zeros(n)
-        self.first = np.zeros((n, LOG_MASS + 1))
+        self.first = np.zeros((n, LOG_MASS + 1))  # states and log masses
         rows: list[tuple[int, ...]] = []
         for i in range(n):
             moving = self._first_stretch(i)
             collides = any(i in e.objects for e in collisions)
-            is_used = {0: True, 1: True, 2: moving, 3: moving, LOG_MASS: collides, YAW: self.shape[i] == CUBE}
-            rows += [(kind, i, -1) for kind, used in is_used.items() if used]
+            is_used = {X: True, Y: True, VX: moving, VY: moving, LOG_MASS: collides, YAW: self.shape[i] == CUBE}
+            rows += [(kind, i, NO_OBJECT) for kind, used in is_used.items() if used]
         rows += [(PAIR_REBOUND, *pair) for pair in dict.fromkeys(e.objects for e in collisions)]
         parameters = np.array(rows)
-        self.unit = UNITS[parameters[:, 0]]
+        self.unit = np.array([UNITS[kind] for kind, _, _ in parameters.tolist()])
         prior = np.full((len(rows), 2), np.inf)
         prior[parameters[:, 0] == LOG_MASS] = 0.0, LOG_MASS_STD
         prior[parameters[:, 0] == PAIR_REBOUND] = REBOUND, REBOUND_DEVIATION
@@ -139,11 +139,11 @@ class _Problem:
             parameters,
             self.unit,
             prior,
-            rows_of(states.camera),
+            projection_rows(states.camera),
         )
 
     def _first_stretch(self, i: int) -> bool:
-        """Set the reference frame of object i, and its position and velocity there; returns whether it moves."""
+        """Set the reference frame of object i and its position and velocity there. Returns whether it moves."""
         states, weight, seen = self.states, self.states.weight[i], np.flatnonzero(self.states.detected[i])
         hits = [e.frame for e in self.collisions if i in e.objects]
         mine = seen[seen < min(hits) - COLLISION_MARGIN_FRAMES] if hits else seen
@@ -164,13 +164,13 @@ class _Problem:
         return fast
 
     def start(self) -> FloatArray:
-        """First guess: stretches before the first collisions, equal masses, and cubes' turns by their edges."""
+        """First guess of the parameters (P,): motion before the first collisions, equal masses, and yaws that fit the edges."""
         rows = self.first.copy()
         rows[:, YAW] = [self._first_yaw(i) if shape == CUBE else 0.0 for i, shape in enumerate(self.shape)]
         return self._values(rows, np.full((len(rows), len(rows)), REBOUND))
 
     def parameters(self, fit: TrajectoryFit) -> FloatArray:
-        """Those of a fit with other collisions."""
+        """The parameters (P,) that correspond to a fit with other collisions."""
         rows = np.column_stack([fit.bodies.state, np.log(fit.bodies.mass)])
         for row, o, reference in zip(rows, self.states.objects, self.reference, strict=True):
             speed = float(np.hypot(*row[VELOCITY]))
@@ -181,12 +181,15 @@ class _Problem:
         return self._values(rows, np.where(np.isnan(fit.rebound), REBOUND, fit.rebound))
 
     def _values(self, rows: FloatArray, rebound: FloatArray) -> FloatArray:
-        """Parameters (P,) of what is known of the objects (n, 7), their states and log masses, and of pairs (n, n)."""
-        of = [rebound[i, j] if kind == PAIR_REBOUND else rows[i, kind] for kind, i, j in self.problem.parameters]
-        return np.array(of) / self.unit
+        """The parameters (P,) for the states and log masses of objects (n, 7) and the rebounds of pairs (n, n)."""
+        values = [rebound[i, j] if kind == PAIR_REBOUND else rows[i, kind] for kind, i, j in self.problem.parameters]
+        return np.array(values) / self.unit
 
     def _first_yaw(self, i: int, rng: np.random.Generator | None = None) -> float:
-        """The turn whose edges fit best at first, or with `rng` any, the better the likelier."""
+        """The yaw of cube i whose edges fit best in its first frames (radians).
+
+        With `rng`, the yaw is drawn at random; yaws that fit better are more probable.
+        """
         near = np.flatnonzero(self.states.reliable[i])
         near = near[near <= self.reference[i] + YAW_FRAMES]
         if not len(near):
@@ -201,7 +204,7 @@ class _Problem:
         return float(guesses[int(np.argmin(np.array(errors) + noise))])
 
     def solve_with_restarts(self, x: FloatArray, n_frames: int) -> FloatArray:
-        """The best of several solutions: other starts are tried while the cost is high."""
+        """The best parameters (P,) for the first `n_frames` frames; restarts are tried while the cost is high."""
         best, cost = minimise(self.problem, x, n_frames, EVALUATIONS)
         met = [e for e in self.collisions if e.frame < n_frames]
         concerned = {i for e in met[-2:] for i in e.objects}
@@ -222,6 +225,7 @@ class _Problem:
         return np.asarray(best)
 
     def result(self, x: FloatArray) -> TrajectoryFit:
+        """The run with parameters `x` (P,)."""
         cost, _, curvature, states, contact = evaluate(self.problem, x, self.frames)
         n = len(self.shape)
         mass, rebound = np.ones(n), np.full((n, n), np.nan)
