@@ -27,6 +27,10 @@ MIN_LINE_FRAMES = 3
 otherwise through all detections."""
 
 
+STATIC_FEATURES = len(SHAPES) + len(MATERIALS)
+"""Number of features of an object that do not change over time, see `object_features`."""
+
+
 @dataclass(frozen=True, eq=False)
 class VideoPixels:
     """The images of a video, for networks that read images in addition to tracks.
@@ -194,7 +198,7 @@ def _line(frame_index: IntArray, location_world: FloatArray, wanted: IntArray) -
 
 def object_features(objects: tuple[SceneObject, ...]) -> FloatArray:
     """Features (n, 5) of the objects: one-hot shape (3) and material (2)."""
-    features = np.zeros((len(objects), len(SHAPES) + len(MATERIALS)), np.float32)
+    features = np.zeros((len(objects), STATIC_FEATURES), np.float32)
     for row, o in zip(features, objects, strict=True):
         row[SHAPES.index(o.shape)] = 1
         row[len(SHAPES) + MATERIALS.index(o.material)] = 1

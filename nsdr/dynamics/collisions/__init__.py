@@ -1,1 +1,1 @@
-"""Collisions in observed motion: a temporal network over whole tracks."""
+"""Detection of collisions in observed motion by a temporal network on whole tracks."""

@@ -1,4 +1,4 @@
-"""Inputs of the collision network: motion of the objects of a video, and of the pairs that come near each other."""
+"""Inputs of the collision network: the motion of objects, and of pairs that come near each other."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,31 +14,32 @@ from nsdr.tracking.visibility import hidden_sides
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 NEAR_WORLD = 1.0
-"""Pairs whose centres never come closer than this do not collide (world units): all 4,223 collisions of the left-out scenes of
-`train` come closer (`python benchmarks/collisions.py` counts those that do not)."""
+"""Pairs whose centres never come closer than this do not collide (world units). In all 4,223 collisions of the left-out scenes
+of `train`, they come closer (`python benchmarks/collisions.py` counts collisions in which they do not)."""
 SPEED_WORLD = 0.05
 """Unit of displacements in one frame (world units)."""
 BENDS = ((3, 0.1), (8, 0.2))
-"""(frames, unit in world units) of the second differences that show changes of velocity."""
+"""Reach (frames) and unit (world units) of the second differences, which show changes of velocity."""
 POSITION_WORLD = 3.0
 """Unit of positions (world units)."""
 BOX_PX = 20.0
 """Unit of gaps between boxes (pixels)."""
 MAX_INPUT = 5.0
-"""Inputs are clamped to this."""
+"""Limit to which inputs are clamped."""
 OBJECT_CHANNELS, PAIR_CHANNELS = 22, 22
+"""Numbers of input channels of an object and of a pair."""
 
 
 @dataclass(frozen=True)
 class MotionArrays:
-    """What the network sees of the n objects of a video of F frames.
+    """The tracks of n objects in F frames, from which the inputs of the network are computed.
 
     Attributes:
-        location_world: (n, F, 2) as in `MotionStates`.
-        detected, reliable, present: (n, F) bool as in `MotionStates`.
-        hidden: (n, F, 4) bool, hidden sides (left, top, right, bottom) of detected boxes.
-        box_px: (n, F, 4) centre, width and height.
-        size: (n, F, 2) logarithm of the box's width and height, divided by those expected where it is.
+        location_world: (n, F, 2) positions (world units), as in `MotionStates`.
+        detected, reliable, present: (n, F) bool, as in `MotionStates`.
+        hidden: (n, F, 4) bool, whether each side (left, top, right, bottom) of a detected box is hidden.
+        box_px: (n, F, 4) centre (column, row), width and height of the box (pixels).
+        size: (n, F, 2) logarithms of the width and height of the box, relative to those expected at its position.
         static: (n, 5) one-hot shape and material.
     """
 
@@ -53,12 +54,13 @@ class MotionArrays:
 
 
 class NetworkInputs(NamedTuple):
-    """Inputs of the network for one or several videos.
+    """Inputs of the network for the O objects and P pairs of one or several videos.
 
     Attributes:
-        objects: (O, `OBJECT_CHANNELS`, F).
-        pairs: (2 P, `PAIR_CHANNELS`, F): first from each pair's first object to its second, then the other way round.
-        edges: (2 P, 2) int, objects of each row of `pairs`.
+        objects: (O, `OBJECT_CHANNELS`, F) inputs of objects.
+        pairs: (2 P, `PAIR_CHANNELS`, F) inputs of pairs: P rows from the first object to the second, then P in the other
+            direction.
+        edges: (2 P, 2) int, indices of the two objects of each row of `pairs`.
     """
 
     objects: Tensor
@@ -67,7 +69,7 @@ class NetworkInputs(NamedTuple):
 
 
 def arrays_from_states(states: MotionStates) -> MotionArrays:
-    """What the network sees of a video's tracks: arrays (n, F, ...) of its n objects and F frames."""
+    """Make the arrays of a video from its motion states."""
     box, location = states.box_px, states.location_world
     corners = np.where(states.detected[..., None], states.box_xyxy_px, np.nan)
     hidden = hidden_sides(corners.transpose(1, 0, 2)).transpose(1, 0, 2)
@@ -82,7 +84,7 @@ def arrays_from_states(states: MotionStates) -> MotionArrays:
 
 
 def near_pairs(location_world: NDArray[Any]) -> NDArray[Any]:
-    """(P, 2) int, i < j: the pairs of n objects at (n, F, 2) that come near each other."""
+    """The pairs (P, 2) int, i < j, of objects at positions (n, F, 2) that come near each other."""
     n = len(location_world)
     if n < 2:
         return np.zeros((0, 2), int)
@@ -91,7 +93,7 @@ def near_pairs(location_world: NDArray[Any]) -> NDArray[Any]:
 
 
 def network_inputs(arrays: MotionArrays, pairs: NDArray[Any]) -> NetworkInputs:
-    """Inputs for the given pairs (P, 2) of one video, or of several whose objects are joined."""
+    """Make the inputs for pairs (P, 2) of one video, or of several videos whose objects are concatenated."""
     position = torch.from_numpy(np.ascontiguousarray(arrays.location_world, np.float32)).transpose(1, 2)
     frames = position.shape[-1]
     padded = _continued(position, max(k for k, _ in BENDS))
@@ -108,7 +110,7 @@ def network_inputs(arrays: MotionArrays, pairs: NDArray[Any]) -> NetworkInputs:
 
 
 def _pair_inputs(padded: Tensor, velocity: Tensor, bends: list[Tensor], box: Tensor, edges: Tensor) -> Tensor:
-    """Relative motion (E, `PAIR_CHANNELS`, F); changes of velocity along the line of centres and across it."""
+    """Inputs of pairs (E, `PAIR_CHANNELS`, F): relative motion; velocities and their changes along and across their line."""
     i, j = edges[:, 0], edges[:, 1]
     frames = velocity.shape[-1]
     margin = (padded.shape[-1] - frames) // 2
@@ -130,7 +132,7 @@ def _pair_inputs(padded: Tensor, velocity: Tensor, bends: list[Tensor], box: Ten
 
 
 def _continued(x: Tensor, frames: int) -> Tensor:
-    """(..., F) continued on both sides by point reflection: (..., F + 2 frames)."""
+    """Extend x (..., F) by `frames` at both ends by point reflection: (..., F + 2 frames)."""
     index = torch.arange(-frames, x.shape[-1] + frames)
     last = x.shape[-1] - 1
     inside = index.clamp(0, last)
@@ -139,12 +141,14 @@ def _continued(x: Tensor, frames: int) -> Tensor:
 
 
 def _difference(padded: Tensor, frames: int) -> Tensor:
+    """Central differences (..., frames) of an extended x (units of `SPEED_WORLD` per frame)."""
     margin = (padded.shape[-1] - frames) // 2
     ahead, behind = padded[..., margin + 1 : margin + 1 + frames], padded[..., margin - 1 : margin - 1 + frames]
     return (ahead - behind) / (2 * SPEED_WORLD)
 
 
 def _bend(padded: Tensor, frames: int, reach: int) -> Tensor:
+    """Second differences (..., frames) of an extended x: x(t + reach) + x(t - reach) - 2 x(t)."""
     margin = (padded.shape[-1] - frames) // 2
     ahead, behind = padded[..., margin + reach :][..., :frames], padded[..., margin - reach :][..., :frames]
     return ahead + behind - 2 * padded[..., margin : margin + frames]

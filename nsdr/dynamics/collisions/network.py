@@ -1,4 +1,4 @@
-"""The collision network: convolutions over time, for objects and for pairs, that exchange messages; and what it finds."""
+"""The collision network, convolutions over time for objects and pairs that exchange messages, and the detector that uses it."""
 
 from dataclasses import dataclass
 
@@ -22,24 +22,24 @@ from nsdr.types import Event
 from nsdr.validation import Settings, Size
 
 STEP_FRAMES = 2
-"""Frames between two steps of the output."""
+"""Number of frames in a step of the output."""
 KERNEL = 5
-"""Width of the convolutions (frames, then steps)."""
+"""Kernel size of the convolutions (frames in the first layer, then steps)."""
 PEAK_STEPS = 2
-"""Steps on each side of the most probable one that decide the frame of a collision."""
+"""The frame of a collision is the mean, weighted by probability, over this many steps on each side of the most probable one."""
 FIRST_LOGIT = -6.0
-"""Initial bias: before training, collisions are rare."""
+"""Initial bias of the logit, so that an untrained network predicts few collisions."""
 
 
 @dataclass(frozen=True)
 class CollisionNetworkConfig(Settings):
-    """Sizes; a `DataError` names a value that is too small.
+    """Sizes of the network. A value that is too small raises a `DataError`.
 
     Attributes:
-        width: channels.
-        object_dilations: of the objects' convolutions.
-        pair_dilations: of the pairs' convolutions before messages are exchanged.
-        last_dilations: of those after it.
+        width: number of channels.
+        object_dilations: dilations of the convolutions on objects.
+        pair_dilations: dilations of the convolutions on pairs before messages are exchanged.
+        last_dilations: dilations of the convolutions on pairs after messages are exchanged.
     """
 
     width: Size = 64
@@ -49,10 +49,10 @@ class CollisionNetworkConfig(Settings):
 
 
 class CollisionNetwork(nn.Module):
-    """When each pair collides, by the whole tracks of all objects.
+    """A network that predicts when each pair collides, from the whole tracks of all objects.
 
-    An object's change of velocity that another collision explains is no evidence for this one, so pairs tell their objects
-    what they found, and objects tell their pairs.
+    A change of an object's velocity is no evidence for a collision if another collision explains it. So pairs send messages to
+    their objects, and objects send messages to their pairs.
     """
 
     def __init__(self, config: CollisionNetworkConfig) -> None:
@@ -72,7 +72,7 @@ class CollisionNetwork(nn.Module):
         nn.init.constant_(self.logit.bias, FIRST_LOGIT)  # type: ignore[arg-type]
 
     def forward(self, inputs: NetworkInputs) -> Tensor:
-        """Logits (P, S) of a collision in each of S steps of `STEP_FRAMES` frames, against none at all, whose logit is 0."""
+        """Logits (P, S) of a collision of each pair in each of S steps of `STEP_FRAMES` frames. The logit of none is 0."""
         first, second = inputs.edges[:, 0], inputs.edges[:, 1]
         objects = self.objects(self.of_object(inputs.objects))
         pairs = self.of_pair(inputs.pairs) + self.to_pair(torch.cat([objects[first], objects[second]], 1))
@@ -95,16 +95,17 @@ class _Block(nn.Module):
             self.mix.weight *= 0.3
 
     def forward(self, x: Tensor) -> Tensor:
+        """Transform sequences (B, width, S)."""
         return x + self.mix(F.relu(self.wide(F.relu(x))))
 
 
 class TrackCollisionDetector(PretrainedPart[CollisionNetwork]):
-    """Collisions in observed motion, by a temporal network over whole tracks.
+    """A detector of collisions in observed motion with a temporal network on whole tracks.
 
     Differs from the paper: the paper's network sees image patches of few frames.
 
     Args:
-        model: trained network.
+        model: the trained network.
     """
 
     part = "collisions"
@@ -116,7 +117,7 @@ class TrackCollisionDetector(PretrainedPart[CollisionNetwork]):
     @limit_threads(1)
     @torch.no_grad()
     def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
-        """For every pair that comes near each other, its most probable collision, and how probable that is; by frame."""
+        """For every pair that comes near each other, its most probable collision and its probability, in order of frames."""
         pairs = near_pairs(states.location_world)
         if not len(pairs):
             return []

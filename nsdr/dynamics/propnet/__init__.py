@@ -1,4 +1,4 @@
 """Propagation networks (PropNet): on ground-plane states, and on patches as in the paper."""
 
 VERSION = 1
-"""Of these backends' predictions: raised when they change."""
+"""Version of the predictions of these backends. It is raised when they change."""

@@ -1,4 +1,4 @@
-"""Training data of the propagation networks: tracks, or videos, with their true collisions."""
+"""Training data of the propagation networks: tracks or patches of videos, with the true collisions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,15 +28,16 @@ from nsdr.world.physics_constants import VIDEO_FRAMES
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
 Row = dict[str, NDArray[Any]]
+"""Entries of one scene in a `MotionDataset`, by the names of its attributes."""
 
 DATA_VERSION = 1
-"""Of the rows of a `MotionDataset`, which are kept: raised when they change."""
+"""Version of the cached rows of a `MotionDataset`. It is raised when they change."""
 MIN_OBJECTS = 2
-"""Scenes with fewer tracked objects are skipped: they hold no pair."""
+"""Scenes with fewer tracked objects are skipped, because they have no pairs."""
 MAX_OBJECTS = 7
-"""Scenes with more tracked objects are skipped; the arrays are padded to this number."""
+"""Scenes with more tracked objects are skipped. Arrays are padded to this number of objects."""
 NO_COLLISION = -1000
-"""Entry of `MotionDataset.collision_frame` for pairs that do not collide, further from the video than any window (frames)."""
+"""Entry of `MotionDataset.collision_frame` for pairs that do not collide: a frame that no window reaches."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +45,15 @@ class MotionDataset:
     """Motion of S scenes over F frames, padded to N = `MAX_OBJECTS` objects.
 
     Attributes:
-        scene: (S,) int, video index.
+        scene: (S,) int, index of the video.
         location_world: (S, N, F, 2) float32, positions on the ground as in `MotionStates` (world units).
-        detected: (S, N, F) bool, detected in that frame.
-        reliable: (S, N, F) bool, detected, not cut by the image's border and not hidden.
-        present: (S, N, F) bool, between the object's first and last detection.
+        detected: (S, N, F) bool, whether the object was detected in the frame.
+        reliable: (S, N, F) bool, whether it was detected, not cut by the image border and not hidden.
+        present: (S, N, F) bool, whether the frame is between the first and the last detection of the object.
         static: (S, N, 5) float32, one-hot shape (3) and material (2).
-        exists: (S, N) bool, False for padding.
-        box_px: (S, N, F, 4) float32, centre (column, row), width and height of the box (px).
-        collision_frame: (S, N, N) int, symmetric; `NO_COLLISION` where a pair does not collide.
+        exists: (S, N) bool, whether the entry is an object; False for padding.
+        box_px: (S, N, F, 4) float32, centre (column, row), width and height of the box (pixels).
+        collision_frame: (S, N, N) int, frame of the collision of each pair, symmetric; `NO_COLLISION` if it does not collide.
     """
 
     scene: NDArray[Any]
@@ -67,18 +68,18 @@ class MotionDataset:
 
     @classmethod
     def of(cls, rows: Sequence[Row]) -> "MotionDataset":
-        """The scenes of `_row`."""
+        """A data set of the scenes with these rows, which `_row` makes."""
         return cls(**{name: np.stack([row[name] for row in rows]) for name in cls.__dataclass_fields__})
 
     def __len__(self) -> int:
         return len(self.scene)
 
     def subset(self, picked: NDArray[Any]) -> "MotionDataset":
-        """The scenes at the given indices (K,), or where a mask (S,) is true."""
+        """The scenes at the indices `picked` (K,), or where the mask `picked` (S,) is true."""
         return MotionDataset(*(getattr(self, name)[picked] for name in self.__dataclass_fields__))
 
     def states(self, index: int) -> tuple[MotionStates, list[Event]]:
-        """One scene without padding, and its true collisions. Colours are not stored: every object is gray."""
+        """The motion states of one scene without padding, and its true collisions. As colours are not stored, all are gray."""
         n = int(self.exists[index].sum())
         shape = self.static[index, :n, : len(SHAPES)].argmax(1)
         material = self.static[index, :n, len(SHAPES) :].argmax(1)
@@ -104,12 +105,12 @@ def read_motion_dataset(
     Args:
         proposals: compact proposals (NPZ), see `nsdr.clevrer.files.compact_proposals.read_compact_proposals`.
         truth: ground-truth blocks (gzipped JSON), see `nsdr.clevrer.files.annotations.read_truth`.
-        cache: an NPZ file that keeps the result. It is read where it was made from the same files, `limit` and
-            versions, and written otherwise.
+        cache: NPZ file that keeps the result. It is read if it was made from the same files with the same `limit` and versions,
+            and written otherwise.
         limit: maximum number of scenes; None for all.
 
     Raises:
-        DataError: a missing or unreadable file, a video without truth, or no scene that fits.
+        DataError: a file is missing or unreadable, a video has no ground truth, or no scene fits.
     """
     made_from = fingerprint(inputs=[Path(proposals), Path(truth)], config=[DATA_VERSION, tracking.VERSION, limit])
     kept = None if cache is None else _kept(Path(cache), made_from)
@@ -143,22 +144,22 @@ def read_motion_dataset(
 def read_image_dataset(
     root: str | Path, cache: str | Path, config: PatchModelConfig, limit: int | None = None
 ) -> tuple[MotionDataset, list[Path]]:
-    """Track the mask proposals of every `train` video and cut patches of its frames.
+    """Track the mask proposals of every `train` video and cut patches from its frames.
 
-    A video's tracks and patches are kept in `cache` (about 2 MB), and made again only where its files, the sizes of patches or
-    the versions have changed. Training reads the patches from there without decoding videos.
+    The tracks and patches of a video are kept in `cache` (about 2 MB), and made again only if its files, the sizes of patches
+    or the versions have changed. Training reads the patches from `cache` without decoding videos.
 
     Args:
         root: data set in the official layout, with videos, mask proposals and annotations.
-        cache: folder to keep tracks and patches in.
-        config: sizes of patches.
+        cache: folder in which tracks and patches are kept.
+        config: sizes of the patches.
         limit: maximum number of scenes; None for all.
 
     Returns:
-        The motion of S scenes, and S files with patches (n, F, 4, cells, cells) uint8 as in `object_patches`.
+        The motion of S scenes, and the paths of S files with patches (n, F, 4, cells, cells) uint8 as in `object_patches`.
 
     Raises:
-        DataError: a missing or unreadable file, or no scene that fits.
+        DataError: a file is missing or unreadable, or no scene fits.
     """
     split, rows, files = CLEVRER(root).split("train"), list[Row](), list[Path]()
     for index in tqdm(sorted(split.entries("videos")), desc="patches", unit="video"):
@@ -178,7 +179,7 @@ def read_image_dataset(
 
 
 def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: PatchModelConfig) -> Row:
-    """A video's row of the data set, made with its patches where it is not kept; nothing for a video that does not fit."""
+    """The row of a video, read from `path` or made together with its patches; empty for a video that does not fit."""
     video, annotation = split.video(index), split.annotation(index)
     settings = [DATA_VERSION, tracking.VERSION, [config.patch_cells, config.cell_px], annotation]
     made_from = fingerprint(inputs=[video, split.path("proposals", index)], config=settings)
@@ -198,7 +199,7 @@ def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: P
 
 
 def _kept(path: Path, made_from: str) -> Row | None:
-    """What `_keep` wrote; None if it is missing, broken or of other inputs."""
+    """The row that `_keep` wrote; None if it is missing, broken or made from other inputs."""
     try:
         arrays = read_npz(path)
     except DataError:
@@ -207,12 +208,13 @@ def _kept(path: Path, made_from: str) -> Row | None:
 
 
 def _keep(path: Path, made_from: str, arrays: Row) -> None:
+    """Write a row with the fingerprint of its inputs."""
     with atomic_path(path) as temporary:
         np.savez(temporary, fingerprint=np.array(made_from), **arrays)  # type: ignore[arg-type]
 
 
 def _row(video: int, states: MotionStates, block: dict[str, Any]) -> Row:
-    """One scene's entries of `MotionDataset`, padded; true objects are matched to tracks by their attributes."""
+    """The padded entries of one scene in a `MotionDataset`. True objects are matched to tracks by their attributes."""
     n = len(states.objects)
     pad = MAX_OBJECTS - n
 

@@ -1,4 +1,4 @@
-"""The explanation of a network: rollouts of the video as it goes on, and without each object."""
+"""The explanation of a network backend: rollouts of the video, with all objects and without each object."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,12 +10,12 @@ from nsdr.types.interventions import Intervention
 
 
 class NetworkExplanation(Explanation):
-    """What a network predicts. It can remove one object from frame 0, and change nothing else.
+    """The rollouts that a network predicts. The only change it supports is the removal of one object from frame 0.
 
     Args:
-        states: motion of the video's objects.
-        continued: (number of frames) -> the rollout with all objects.
-        without_each: (number of frames) -> rollouts without each object, in order of ids. They are made in one batch.
+        states: motion states of the objects of the video.
+        continued: a function (number of frames) -> rollout with all objects.
+        without_each: a function (number of frames) -> rollouts without each object, in order of ids, made in one batch.
     """
 
     def __init__(
@@ -30,7 +30,11 @@ class NetworkExplanation(Explanation):
 
     @limit_threads(1)
     def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
-        """The video as it is, or without an object; raises `DataError` for other changes."""
+        """Roll out the video as it is, or without one object.
+
+        Raises:
+            DataError: a change other than the removal of one object from frame 0.
+        """
         removed = only_removal(changes, from_frame, "PropNet")
         if removed is None:
             return self._continued(frames)

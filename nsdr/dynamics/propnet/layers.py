@@ -1,28 +1,29 @@
-"""Propagation network on object states (Li et al., "Propagation Networks", ICRA 2019; paper, section 4.2)."""
+"""The propagation network (Li et al., "Propagation Networks", ICRA 2019; section 4.2 of the paper)."""
 
 import torch
 from torch import Tensor, nn
 
 
 def mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
-    """Two layers, each with a rectifier."""
+    """Two linear layers, each followed by a ReLU."""
     return nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, outputs), nn.ReLU())
 
 
 class PropNet(nn.Module):
-    """Object and relation encoders, L propagation steps, object and relation predictors.
+    """A propagation network: object and relation encoders, L propagation steps, object and relation predictors.
 
     With object states o_i and relation states r_ij, encoders c_i = f_O(o_i), c_ij = f_R(o_i, o_j, r_ij), and h_i = 0:
-    e_ij = g_R(c_ij, h_i, h_j), h_i = g_O(c_i, sum_j e_ij, h_i), L times. The predictors read h_i with c_i (skip
-    connection) and e_ij with h_i, h_j. With an edge state, g_R reads the e_ij of the step before, too (0 at first).
+    e_ij = g_R(c_ij, h_i, h_j), h_i = g_O(c_i, sum_j e_ij, h_i), L times. The object predictor reads h_i and c_i (skip
+    connection); the relation predictor reads e_ij, c_ij, h_i and h_j. With an edge state, g_R also reads the e_ij of the
+    previous step (0 at first).
 
-    Differs from the paper: nothing; what the encoders read is up to them.
+    Differs from the paper: nothing. The inputs of the encoders are chosen by the caller.
 
     Args:
-        object_encoder, relation_encoder: f_O and f_R, whose outputs are `hidden` wide.
-        object_outputs, relation_outputs: width of the predictions.
+        object_encoder, relation_encoder: encoders f_O and f_R with outputs of width `hidden`.
+        object_outputs, relation_outputs: numbers of outputs for each object and each pair.
         hidden: width of all layers.
-        steps: L.
+        steps: number of propagation steps L.
         edge_state: whether relations keep a state over the propagation steps.
     """
 
@@ -54,12 +55,12 @@ class PropNet(nn.Module):
         """Predict for all objects and pairs.
 
         Args:
-            objects: (B, N, ...) what the object encoder reads.
-            relations: (B, N, N, ...), [b, i, j] describes the effect of sender j on receiver i.
-            exists: (B, N) bool; other objects neither send nor are meant to be read.
+            objects: (B, N, ...) inputs of the object encoder.
+            relations: (B, N, N, ...) inputs of the relation encoder; [b, i, j] describes the effect of sender j on receiver i.
+            exists: (B, N) bool, whether each object exists. Other objects have no effect, and their outputs are meaningless.
 
         Returns:
-            (B, N, object_outputs), (B, N, N, relation_outputs).
+            Outputs for objects (B, N, object_outputs) and for pairs (B, N, N, relation_outputs).
         """
         n = objects.shape[1]
         edges = exists[:, :, None] & exists[:, None, :] & ~torch.eye(n, dtype=torch.bool, device=objects.device)

@@ -1,4 +1,4 @@
-"""The paper's dynamics networks: PropNet over patches of masks, or of images and masks (section 4.2 and its supplement)."""
+"""The paper's dynamics networks: PropNet on patches of masks, or of images and masks (section 4.2 and the supplement)."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -7,40 +7,42 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from nsdr.dynamics.motion_states import STATIC_FEATURES
 from nsdr.dynamics.propnet.layers import PropNet
 from nsdr.errors import DataError
 from nsdr.validation import Positive, Settings, Share, Size
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
-STATIC_FEATURES = 5
 PATCH_CHANNELS = 4
-"""Red, green, blue and the mask."""
+"""Number of channels of a patch: red, green, blue and the mask."""
 BOX_SCALE = (WIDTH_PX / 2, HEIGHT_PX / 2, 50.0, 50.0)
-"""Units (pixels) of boxes (column, row, width, height), whose centres count from the image's centre: about -1 to 1."""
+"""Units of boxes (column, row, width, height) in pixels. Centres are relative to the centre of the image, so values are about
+-1 to 1."""
 STEP_SCALE = 0.1
-"""Unit of changes: about the displacement of a fast object in a step (in units of `BOX_SCALE`)."""
+"""Unit of displacements in a time step: about that of a fast object (units of `BOX_SCALE`)."""
 REACH = 0.3
-"""Unit of the displacement from one object to a near one (in units of `BOX_SCALE`)."""
+"""Unit of the displacement from one object to another (units of `BOX_SCALE`)."""
 MAX_REACH = 5.0
-"""Displacements between objects are clamped to this many `REACH`."""
-HALVINGS = 8
-"""The three convolutions make patches smaller by this factor, and the decoder's larger by it."""
+"""Limit to which displacements between objects are clamped (units of `REACH`)."""
+DOWNSAMPLING = 8
+"""Factor by which the three convolutions of the encoder shrink a patch, and those of the decoder enlarge it."""
 DARKEST = 1 / 255
-"""Values of the last patch are brought this far from 0 and 1, a step of 8-bit colours, before the decoder changes them."""
+"""Values of the last patch are clamped to `DARKEST` to 1 - `DARKEST`, a step of 8-bit colours, so that their logits are
+finite."""
 
 
 @dataclass(frozen=True)
 class PatchModelConfig(Settings):
-    """Sizes and time steps; the defaults are the paper's.
+    """Sizes and time steps of the networks. The defaults are those of the paper, where it gives them.
 
     Attributes:
-        hidden: D, width of the networks (paper: 512).
-        propagation_steps: L (paper: 2).
-        stride_frames: frames between two samples (the released files have one in 5).
-        window: samples that the network sees, the current one included (paper: 3).
-        patch_cells: side of a patch in cells.
-        cell_px: side of a cell in pixels.
-        channels: of the three convolutions.
+        hidden: width D of the hidden layers (paper: 512).
+        propagation_steps: number of propagation steps L (paper: 2).
+        stride_frames: number of frames between two samples (5 in the released files).
+        window: number of samples that the network sees, including the present (paper: 3).
+        patch_cells: side length of a patch (cells).
+        cell_px: side length of a cell (pixels).
+        channels: numbers of output channels of the three convolutions.
         collision_threshold: probability above which a pair collides; 0.3 was set on left-out scenes of `train`.
     """
 
@@ -55,7 +57,7 @@ class PatchModelConfig(Settings):
 
 
 class PatchEncoder(nn.Module):
-    """Maps (..., C, cells, cells) and features (..., F) -> (..., hidden)."""
+    """An encoder of a patch and further features of an object or a pair: three convolutions and a linear layer."""
 
     def __init__(self, maps: int, features: int, config: PatchModelConfig) -> None:
         super().__init__()
@@ -63,23 +65,23 @@ class PatchEncoder(nn.Module):
         for inputs, outputs in pairwise((maps, *config.channels)):
             layers += [nn.Conv2d(inputs, outputs, 4, stride=2, padding=1), nn.ReLU()]
         self.convolutions = nn.Sequential(*layers)
-        flat = config.channels[-1] * (config.patch_cells // HALVINGS) ** 2
+        flat = config.channels[-1] * (config.patch_cells // DOWNSAMPLING) ** 2
         self.head = nn.Sequential(nn.Linear(flat + features, config.hidden), nn.ReLU())
 
     def forward(self, maps: Tensor, features: Tensor) -> Tensor:
-        """Encode each object or pair: maps (..., C, cells, cells) and features (..., F) -> (..., hidden)."""
+        """Encode maps (..., C, cells, cells) and features (..., F) of objects or pairs: (..., hidden)."""
         convolved = self.convolutions(maps.flatten(0, -4)).flatten(1).unflatten(0, maps.shape[:-3])
         encoded: Tensor = self.head(torch.cat([convolved, features], -1))
         return encoded
 
 
 class PatchDecoder(nn.Module):
-    """Hidden states and the last patches -> the next patches, by three transposed convolutions."""
+    """A decoder that predicts the next patches from hidden states and the last patches by three transposed convolutions."""
 
     def __init__(self, config: PatchModelConfig) -> None:
         super().__init__()
         first, second, third = config.channels
-        self.side, self.channels = config.patch_cells // HALVINGS, third
+        self.side, self.channels = config.patch_cells // DOWNSAMPLING, third
         self.start = nn.Sequential(nn.Linear(config.hidden, third * self.side**2), nn.ReLU())
         layers: list[nn.Module] = []
         for inputs, outputs in ((third, second), (second, first)):
@@ -87,14 +89,17 @@ class PatchDecoder(nn.Module):
         self.convolutions = nn.Sequential(*layers, nn.ConvTranspose2d(first, PATCH_CHANNELS, 4, stride=2, padding=1))
 
     def forward(self, hidden: Tensor, last: Tensor) -> Tensor:
-        """Decode each object: (..., hidden) and last patches (..., 4, cells, cells) in 0-1 -> next patches, alike."""
+        """Predict the next patches from hidden states (..., hidden) and the last patches.
+
+        The patches are (..., 4, cells, cells) with values from 0 to 1.
+        """
         maps = self.start(hidden).view(-1, self.channels, self.side, self.side)
         change = self.convolutions(maps).float().unflatten(0, hidden.shape[:-1])
         return (change + last.float().clamp(DARKEST, 1 - DARKEST).logit()).sigmoid()
 
 
 class PatchNetwork(nn.Module):
-    """What both networks on patches share: the sizes that they were built from, and how pairs move."""
+    """The common part of both networks on patches: the configuration, and the features of motion and pairs."""
 
     def __init__(self, config: PatchModelConfig) -> None:
         super().__init__()
@@ -103,7 +108,7 @@ class PatchNetwork(nn.Module):
         self.pair_features = 2 * config.window + self.motion_features + 2 * STATIC_FEATURES
 
     def _features(self, boxes: Tensor, static: Tensor) -> tuple[Tensor, Tensor]:
-        """Displacements between samples (B, N, `motion_features`), and what is known of pairs (B, N, N, `pair_features`)."""
+        """Displacements between samples (B, N, `motion_features`), and features of pairs (B, N, N, `pair_features`)."""
         n, centre = boxes.shape[1], boxes[..., :2]
         motion = ((centre[:, :, 1:] - centre[:, :, :-1]) / STEP_SCALE).flatten(2)
         apart = ((centre[:, None] - centre[:, :, None]) / REACH).clamp(-MAX_REACH, MAX_REACH).flatten(3)
@@ -112,12 +117,13 @@ class PatchNetwork(nn.Module):
 
 
 class PatchModel(PatchNetwork):
-    """Predicts every object's box one step later, and the collisions of that step and of the steps of the window.
+    """A network that predicts the box of every object one step later, and the collisions in that step and in the window.
 
-    Differs from the paper: patches hold the mask drawn as its filled box, but no image (the proposals that real training
-    data consist of have no pixels); position, motion, material and shape join the convolutions' output instead of being
-    constant channels; the change of the box is predicted, from which the next patch is drawn, instead of the patch's
-    pixels; the relation predictor also predicts the collisions of the window's own steps, whose effect it sees.
+    Differs from the paper: patches hold the mask, drawn as its filled box, but no image, because the proposals of the real
+    training data have no pixels; position, motion, material and shape are concatenated to the output of the convolutions
+    instead of being constant channels; the network predicts the change of the box, from which the next patch is drawn, instead
+    of the pixels of the patch; the relation predictor also predicts collisions in the steps of the window, whose effect it
+    sees.
     """
 
     def __init__(self, config: PatchModelConfig) -> None:
@@ -129,20 +135,20 @@ class PatchModel(PatchNetwork):
         self.network = PropNet(nn.Identity(), nn.Identity(), 4, config.window, config.hidden, steps)
 
     def forward(self, boxes: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
-        """One step.
+        """Predict one step.
 
         Args:
-            boxes: (B, N, window, 4) in units of `BOX_SCALE`, the present last.
+            boxes: (B, N, window, 4) boxes, the present last (units of `BOX_SCALE`).
             static: (B, N, 5) one-hot shape and material.
-            exists: (B, N) bool.
+            exists: (B, N) bool, whether each object exists.
 
         Returns:
-            Boxes (B, N, 4) `stride_frames` later; collision logits (B, N, N, window), symmetric: of the step to come, of
-            the one that ended at present, and of the one before.
+            The boxes (B, N, 4) `stride_frames` later, and symmetric collision logits (B, N, N, window): for the next step, for
+            the step that ends at the present, and for the steps before it.
         """
         n, centre = boxes.shape[1], boxes[..., :2]
         motion, of_pair = self._features(boxes, static)
-        # Patches of a pair lie around the receiver, so that both masks show how near they are.
+        # Both patches of a pair are centred on the receiver, so that their masks show how near the two objects are.
         around = centre[:, :, None, -1].expand(-1, -1, n, -1)
         own = self._masks(boxes, centre[:, :, -1])
         sent = self._masks(boxes[:, None].expand(-1, n, -1, -1, -1), around)
@@ -153,7 +159,7 @@ class PatchModel(PatchNetwork):
         return boxes[:, :, -1] + inertia + change.float() * STEP_SCALE, (collision + collision.transpose(1, 2)) / 2
 
     def _masks(self, boxes: Tensor, around: Tensor) -> Tensor:
-        """(..., window, cells, cells): how much of each cell of the patch around a position the box covers at each sample."""
+        """The share of each cell (..., window, cells, cells) that the box covers, in patches centred on `around`."""
         c = self.config
         scale = torch.tensor(BOX_SCALE, device=boxes.device)
         centre, half = boxes[..., :2] * scale[:2], boxes[..., 2:] * scale[2:] / 2
@@ -168,22 +174,22 @@ class PatchModel(PatchNetwork):
 
 
 class ImageModel(PatchNetwork):
-    """Predicts every object's box, image and mask one step later, and the collisions of that step and of the window's steps.
+    """A network that predicts the box, image and mask of every object one step later, and collisions.
 
-    Relations carry a state over the propagation steps.
+    The collisions are those in that step and in the window. Relations keep a state over the propagation steps.
 
     Differs from the paper: images show the object alone (image times mask), so that a removed object leaves no pixels in the
-    patches of others; a relation sees the receiver's patches, and the sender's as they lie around the receiver; position,
-    motion, material and shape are constant channels, as in the paper, and join the convolutions' output as well; the decoder
-    draws the change of the last patch; the change of the box is predicted beside the next patch; the relation predictor also
-    predicts the collisions of the window's steps.
+    patches of others; a relation sees the patches of the receiver, and those of the sender cut at the position of the receiver;
+    position, motion, material and shape are constant channels, as in the paper, and are also concatenated to the output of the
+    convolutions; the decoder predicts the change of the last patch; the network predicts the change of the box in addition to
+    the next patch; the relation predictor also predicts collisions in the steps of the window.
     """
 
     def __init__(self, config: PatchModelConfig) -> None:
         super().__init__(config)
-        if config.patch_cells % HALVINGS:
+        if config.patch_cells % DOWNSAMPLING:
             raise DataError(
-                f"patch_cells: expected a multiple of {HALVINGS} for a network on images, got {config.patch_cells}"
+                f"patch_cells: expected a multiple of {DOWNSAMPLING} for a network on images, got {config.patch_cells}"
             )
         seen = PATCH_CHANNELS * config.window
         own, pair = 4 * config.window + self.motion_features + STATIC_FEATURES, self.pair_features
@@ -194,15 +200,17 @@ class ImageModel(PatchNetwork):
         self.decoder = PatchDecoder(config)
 
     def forward(self, boxes: Tensor, patches: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """One step.
+        """Predict one step.
 
         Args:
-            boxes, static, exists: see `PatchModel`.
-            patches: (B, N, window, 4, cells, cells) in 0-1, red, green, blue and mask around each box's centre.
+            boxes: (B, N, window, 4) boxes, the present last (units of `BOX_SCALE`).
+            patches: (B, N, window, 4, cells, cells) red, green, blue and mask around the centre of each box, from 0 to 1.
+            static: (B, N, 5) one-hot shape and material.
+            exists: (B, N) bool, whether each object exists.
 
         Returns:
-            Boxes (B, N, 4) and patches (B, N, 4, cells, cells) `stride_frames` later; collision logits (B, N, N, window) as
-            of `PatchModel`.
+            The boxes (B, N, 4) and patches (B, N, 4, cells, cells) `stride_frames` later, and collision logits
+            (B, N, N, window) as in `PatchModel.forward`.
         """
         n, centre = boxes.shape[1], boxes[..., :2]
         motion, of_pair = self._features(boxes, static)
@@ -212,17 +220,17 @@ class ImageModel(PatchNetwork):
         objects = self.object_encoder(_with_channels(own, of_object), of_object)
         pairs = self.relation_encoder(_with_channels(both, of_pair), of_pair)
         outputs, collision = self.network(objects, pairs, exists)
-        inertia = F.pad(centre[:, :, -1] - centre[:, :, -2], (0, 2))  # sizes stay
+        inertia = F.pad(centre[:, :, -1] - centre[:, :, -2], (0, 2))  # sizes do not change
         following = boxes[:, :, -1] + inertia + outputs[..., :4].float() * STEP_SCALE
         drawn = self.decoder(outputs[..., 4:].relu(), patches[:, :, -1])
         return following, drawn, (collision + collision.transpose(1, 2)) / 2
 
     def _around_receivers(self, centre: Tensor, patches: Tensor) -> Tensor:
-        """(B, N, N, window * 4, cells, cells): the sender's patches as they lie in the receiver's of the same sample."""
+        """Patches (B, N, N, window * 4, cells, cells) of each sender, cut at the receiver's position in the same sample."""
         b, n, window = patches.shape[:3]
         cells, cell_px = self.config.patch_cells, self.config.cell_px
         scale = torch.tensor(BOX_SCALE[:2], device=centre.device)
-        # Position of the receiver's patch in that of the sender, in halves of a patch.
+        # Position of the receiver's patch relative to that of the sender, in units of half a patch.
         shift = (centre[:, :, None] - centre[:, None]) * scale / (cells * cell_px / 2)
         middles = (torch.arange(cells, device=centre.device) + 0.5) / cells * 2 - 1
         grid = torch.stack(torch.meshgrid(middles, middles, indexing="xy"), -1)
@@ -233,6 +241,6 @@ class ImageModel(PatchNetwork):
 
 
 def _with_channels(maps: Tensor, values: Tensor) -> Tensor:
-    """Maps (..., C, cells, cells) and a channel of each value (..., K): (..., C + K, cells, cells)."""
+    """Append to maps (..., C, cells, cells) a constant channel for each value (..., K): (..., C + K, cells, cells)."""
     constant = values[..., None, None].expand(*values.shape, *maps.shape[-2:])
     return torch.cat([maps, constant.to(maps.dtype)], -3)

@@ -1,4 +1,4 @@
-"""The paper's dynamics predictors: one-step predictions of a network on patches, rolled out from the first observations."""
+"""The paper's dynamics backends: rollouts of one-step predictions by a network on patches."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,16 +31,16 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 
 class PatchPredictor(PretrainedPart[PatchNetwork]):
-    """PropNet over patches (paper, section 4.2).
+    """A dynamics backend with PropNet on patches of masks (section 4.2 of the paper).
 
-    Collisions of the video are judged on the observed samples. The future is rolled out from the last samples; with an object
-    removed, its vertex and edges are erased and everything is rolled out from the first samples, while objects that come into
-    view later enter from observation.
+    Collisions in the video are detected in the observed samples. The future is rolled out from the last samples. Without an
+    object, its vertex and edges are removed from the graph, and the whole video is rolled out from the first samples; objects
+    that come into view later enter as observed.
 
-    Differs from the paper: see `PatchModel`; frames of collisions are interpolated within the step.
+    Differs from the paper: see `PatchModel`; the frames of collisions are interpolated between samples.
 
     Args:
-        model: trained network.
+        model: the trained network.
     """
 
     part = "dynamics"
@@ -53,7 +53,7 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
 
     @limit_threads(1)
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
-        """Find the video's collisions, unless they are given; see `nsdr.dynamics.Dynamics`."""
+        """Detect the collisions in the video unless they are given; see `nsdr.dynamics.Dynamics`."""
         observed = self.observed_collisions(states) if collisions is None else collisions
         smoothed = smooth_tracks(states, observed)
 
@@ -64,7 +64,7 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
 
     @limit_threads(1)
     def observed_collisions(self, states: MotionStates) -> list[Event]:
-        """Collisions during the video: each pair in the step whose collision is most probable."""
+        """Collisions during the video, at most one for each pair, in its most probable step."""
         n, frames = states.present.shape
         if n < 2 or frames < 2:
             return []
@@ -72,26 +72,30 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
         samples = np.arange(frames - 1, 0, -stride)[::-1]
         known = self._known(states)
         windows = np.stack([self._window(known, t) for t in samples])
-        seen = self._step(windows, states, states.present.T[samples])[1]
-        return self._collisions(self._judged(seen)[:-1], samples)
+        predicted = self._step(windows, states, states.present.T[samples])[1]
+        return self._collisions(self._averaged(predicted)[:-1], samples)
 
-    def _judged(self, seen: FloatArray) -> FloatArray:
-        """Probabilities (S + 1, ...) of the steps that end at each of S samples, and of the one after the last.
+    def _averaged(self, predicted: FloatArray) -> FloatArray:
+        """Collision probabilities (S + 1, ...) of the steps that end at each of S samples, and of the step after the last.
 
-        A step is judged from its start, from its end and from a step later, when the effect is seen: the mean of these. `seen`
-        (S, ..., window) is what the network says at each sample of the step to come, the one that ended, and so on.
+        The network predicts the collisions of a step at its start, at its end and one step later, when their effect is seen.
+        The probability is the mean of these predictions.
+
+        Args:
+            predicted: (S, ..., window) predictions at each sample for the next step, the step that ends there, and those
+                before.
         """
-        steps = len(seen) + 1
-        summed, judges = np.zeros((steps, *seen.shape[1:-1])), np.zeros((steps, *[1] * (seen.ndim - 2)))
-        for k in range(seen.shape[-1]):
+        steps = len(predicted) + 1
+        summed, counts = np.zeros((steps, *predicted.shape[1:-1])), np.zeros((steps, *[1] * (predicted.ndim - 2)))
+        for k in range(predicted.shape[-1]):
             first = max(1 - k, 0)
             last = min(steps, steps - k)
-            summed[first:last] += seen[first + k - 1 : last + k - 1, ..., k]
-            judges[first:last] += 1
-        return summed / judges
+            summed[first:last] += predicted[first + k - 1 : last + k - 1, ..., k]
+            counts[first:last] += 1
+        return summed / counts
 
     def _collisions(self, probability: FloatArray, ends: NDArray[np.integer[Any]]) -> list[Event]:
-        """Each pair at most once, where its probability (steps, n, n) peaks, in steps that end at frames `ends`."""
+        """Collisions from probabilities (steps, n, n) of steps that end at the frames `ends`, at most one for each pair."""
         events = []
         n = probability.shape[-1]
         for i in range(n):
@@ -104,21 +108,27 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
         return sorted(events, key=lambda e: e.frame)
 
     def _known(self, states: MotionStates) -> FloatArray:
-        """(n, margin + F, K): what the network sees of each object, boxes (`patch_boxes`) first.
+        """Inputs (n, margin + F, K) of the network for each object in each frame, the boxes (`patch_boxes`) first.
 
-        The first row is of the frame before the video to which the first window reaches.
+        The `margin` frames before the video are those to which the window of the first frame reaches back.
         """
         margin = (self.config.window - 1) * self.config.stride_frames
         return patch_boxes(states.location_world, states.box_px, states.reliable, margin, states.camera)
 
     def _window(self, known: FloatArray, t: int) -> FloatArray:
-        """(n, window, K): the samples up to frame t."""
+        """The window (n, window, K) of samples that ends at frame t."""
         return known[:, t + self.config.stride_frames * np.arange(self.config.window)]
 
     @torch.no_grad()
-    @exact_convolutions()  # a rollout takes what it predicted as input: in TF32, positions came to differ by 0.01 world units
+    @exact_convolutions()  # a rollout feeds predictions back as inputs: in TF32, positions came to differ by 0.01 world units
     def _step(self, window: FloatArray, states: MotionStates, here: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """What is seen (C, n, K) a step later, and collision probabilities (C, n, n, window), of several rollouts at once."""
+        """Predict one step of C rollouts: the next samples (C, n, K), and collision probabilities (C, n, n, window).
+
+        Args:
+            window: (C, n, window, K) inputs of the network.
+            states: motion states of the objects.
+            here: (C, n) bool, whether each object is there.
+        """
         static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
         inputs = (torch.from_numpy(window.astype(np.float32)), static, torch.from_numpy(here.copy()))
         following, logits = (x.float().cpu() for x in self._network(*(x.to(self.device) for x in inputs)))
@@ -126,16 +136,18 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
         return following.numpy().astype(float), logits.sigmoid().numpy().astype(float) * possible[..., None]
 
     def _network(self, seen: Tensor, static: Tensor, here: Tensor) -> tuple[Tensor, Tensor]:
-        """What is seen (C, n, K) after windows (C, n, window, K), and collision logits."""
+        """The next samples (C, n, K) after windows (C, n, window, K), and collision logits (C, n, n, window)."""
         boxes, logits = self.model(seen, static, here)
         return boxes, logits
 
     def _future(self, states: MotionStates, observed: Sequence[Event], total: int) -> Rollout:
+        """The rollout of `total` frames with all objects, predicted from the last frame of the video."""
         last = states.present.shape[1] - 1
         exists = states.present.any(1, keepdims=True).T
         return self._rollouts(states, np.asarray(exists), last, states.present[:, last][None], observed, total)[0]
 
     def _without_each(self, states: MotionStates, total: int) -> list[Rollout]:
+        """Rollouts of `total` frames without each object, predicted from the first full window."""
         start = min((self.config.window - 1) * self.config.stride_frames, states.present.shape[1] - 1)
         exists = ~np.eye(len(states.objects), dtype=bool)
         return self._rollouts(states, exists, start, np.zeros_like(exists), None, total)
@@ -149,9 +161,15 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
         observed: Sequence[Event] | None,
         total: int,
     ) -> list[Rollout]:
-        """Predict several rollouts of `total` frames from frame `start`.
+        """Predict C rollouts.
 
-        The others of `exists` (C, n) enter when they are first seen.
+        Args:
+            states: motion states of the objects.
+            exists: (C, n) bool, whether each object exists in each rollout.
+            start: frame from which the rollouts are predicted.
+            here: (C, n) bool, whether each object is in view at `start`; the others enter when they are first detected.
+            observed: collisions during the video, which each rollout keeps; None to predict collisions from `start` on.
+            total: number of frames of the rollouts.
         """
         (n_rollouts, n), frames = exists.shape, states.present.shape[1]
         if not n:
@@ -160,11 +178,11 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
         margin = known.shape[1] - frames
         window = np.repeat(self._window(known, start)[None], n_rollouts, 0)
         boxes = np.full((n_rollouts, n, total + stride, 4), np.nan)
-        detected, judgements = states.present.any(1), []
+        detected, predictions = states.present.any(1), []
         first = np.where(detected, states.present.argmax(1), total)
         last = np.where(detected, frames - 1 - states.present[:, ::-1].argmax(1), -1)
         for t in range(start, total - 1, stride):
-            # What has come into view is observed until its window is full.
+            # An object that has come into view moves as observed until its window is full.
             follows = exists & (first <= t) & (t <= np.minimum(np.maximum(first + margin, start), last))
             follows &= observed is None
             for i in np.flatnonzero(follows.any(0)).tolist():
@@ -174,20 +192,20 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
             following, probability = self._step(window, states, here)
             for k in range(1, stride + 1):
                 boxes[here, t + k] = (window[here, -1, :4] * (stride - k) + following[here, :4] * k) / stride
-            judgements.append(probability)
+            predictions.append(probability)
             window = np.concatenate([window[:, :, 1:], following[:, :, None]], 2)
         pixels = boxes[:, :, :total, :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
         location = states.camera.ground(np.nan_to_num(pixels, nan=-1.0))
         location[np.isnan(pixels).any(-1)] = np.nan
         shapes = [o.shape for o in states.objects]
         inside = np.stack([rollout_in_image(shapes, location[k], states.camera) for k in range(n_rollouts)])
-        judged, ends = self._judged(np.stack(judgements)), start + stride * np.arange(len(judgements) + 1)
+        averaged, ends = self._averaged(np.stack(predictions)), start + stride * np.arange(len(predictions) + 1)
         rollouts = []
         for c in range(n_rollouts):
             if observed is None:
-                rollouts.append(Rollout(location[c], inside[c], tuple(self._collisions(judged[:, c], ends))))
+                rollouts.append(Rollout(location[c], inside[c], tuple(self._collisions(averaged[:, c], ends))))
                 continue
-            later = judged[1:, c]
+            later = averaged[1:, c]
             for event in observed:
                 i, j = event.objects
                 later[:, i, j] = later[:, j, i] = 0.0
@@ -197,21 +215,22 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
 
 
 class ImagePredictor(PatchPredictor):
-    """PropNet over image and mask patches (paper, section 4.2), rolled out as `PatchPredictor` does.
+    """A dynamics backend with PropNet on patches of images and masks (section 4.2 of the paper).
 
-    `MotionStates` that are given to its methods must hold `patches` or, for `explain`, `pixels`.
+    Rollouts are made like those of `PatchPredictor`. `MotionStates` that are given to its methods must have `patches` or, for
+    `explain`, `pixels`.
 
-    Differs from the paper: see `ImageModel`; frames of collisions are interpolated within the step.
+    Differs from the paper: see `ImageModel`; the frames of collisions are interpolated between samples.
     """
 
     built_from = (PatchModelConfig, ImageModel)
     default_checkpoint = "dynamics_paper_images"
 
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
-        """As in `PatchPredictor`, from the states' patches or pixels.
+        """Explain the motion like `PatchPredictor.explain`, from the patches of the states or from their pixels.
 
         Raises:
-            DataError: the states have neither, or pixels of another video.
+            DataError: the states have neither patches nor pixels, or the pixels of another video.
         """
         if states.patches is None:
             if states.pixels is None:
@@ -220,7 +239,7 @@ class ImagePredictor(PatchPredictor):
         return super().explain(states, collisions)
 
     def _known(self, states: MotionStates) -> FloatArray:
-        """(n, margin + F, 4 + K): boxes, and the patches of every frame; before the video those of the first frame."""
+        """Inputs (n, margin + F, 4 + K) of the network: boxes and patches. Before the video, patches are those of frame 0."""
         if states.patches is None:
             raise DataError("the network on images needs states with patches")
         boxes = super()._known(states)
@@ -230,6 +249,7 @@ class ImagePredictor(PatchPredictor):
         return np.concatenate([boxes, flat], -1)
 
     def _network(self, seen: Tensor, static: Tensor, here: Tensor) -> tuple[Tensor, Tensor]:
+        """The next boxes and patches (C, n, 4 + K) after windows (C, n, window, 4 + K), and collision logits."""
         cells = self.config.patch_cells
         patches = seen[..., 4:].unflatten(-1, (PATCH_CHANNELS, cells, cells))
         boxes, following, logits = self.model(seen[..., :4], patches, static, here)

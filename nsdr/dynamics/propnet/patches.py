@@ -1,4 +1,4 @@
-"""What the paper's dynamics networks see of each object: its box, and patches of image and mask around it."""
+"""The inputs of the paper's dynamics networks: the box of each object, and patches of the image and its mask."""
 
 from typing import Any
 
@@ -15,9 +15,9 @@ from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
 
 FAR = 3.0
-"""Boxes further out than this, in units of `BOX_SCALE`, stay there."""
+"""Limit to which the coordinates of boxes are clamped (units of `BOX_SCALE`)."""
 MAX_VALUE = 255
-"""Value of a cell that the mask fills."""
+"""Value of a cell that the mask covers completely."""
 
 
 def patch_boxes(
@@ -27,17 +27,20 @@ def patch_boxes(
     margin: int,
     camera: Camera = CLEVRER_CAMERA,
 ) -> FloatArray:
-    """Boxes as if nothing hid the objects, for patches: the centre's image, and the size that was last seen whole.
+    """The boxes that objects would have if nothing hid them.
+
+    The centre of a box is the image of the object's position. Its size is interpolated between the frames in which the object
+    was seen reliably.
 
     Args:
-        location_world: (..., F, 2).
-        box_px: (..., F, 4) as in `MotionStates`.
-        reliable: (..., F).
-        margin: frames before the first one, continued in a straight line.
+        location_world: (..., F, 2) positions on the ground (world units).
+        box_px: (..., F, 4) centre (column, row), width and height of the boxes, as in `MotionStates`.
+        reliable: (..., F) bool, whether each detection is reliable.
+        margin: number of frames before the video, into which the motion is continued in a straight line.
         camera: the camera that took the video.
 
     Returns:
-        (..., margin + F, 4) in units of `BOX_SCALE`.
+        (..., margin + F, 4) boxes in units of `BOX_SCALE`.
     """
     position = extrapolate(location_world, margin)[..., : margin + location_world.shape[-2], :]
     pixels = camera.pixels(on_ground(position))
@@ -52,24 +55,24 @@ def patch_boxes(
 
 
 def object_patches(pixels: VideoPixels, states: MotionStates, config: PatchModelConfig) -> NDArray[np.uint8]:
-    """Patches around every object in every frame, of the object alone: what its mask leaves out is black.
+    """Cut a patch around every object in every frame. It shows the object alone: pixels outside its mask are black.
 
-    Where an object is not seen whole, its patch of the nearest frame in which it is stands for it.
+    In a frame without a reliable detection, an object has its patch of the nearest frame with one.
 
     Args:
-        pixels: of the video.
-        states: made from the tracks of `pixels`.
-        config: number and size of the cells.
+        pixels: images, proposals and tracks of the video.
+        states: motion states made from the tracks of `pixels`.
+        config: number and size of the cells of a patch.
 
     Returns:
-        (n, F, 4, cells, cells) uint8: red, green, blue, and the share of each cell that the mask covers, in 0-255.
+        (n, F, 4, cells, cells) uint8: red, green, blue, and the share of each cell that the mask covers, scaled to 0-255.
 
     Raises:
-        DataError: the proposals have no masks, or not the tracks' detections, or there are fewer frames than the tracks have.
+        DataError: the proposals have no masks or lack detections of the tracks, or the video has fewer frames than the tracks.
     """
     proposals, tracks = pixels.proposals, pixels.tracks
     if proposals.masks is None:
-        raise DataError("patches of images need proposals with masks; give proposal_N.json files, or videos")
+        raise DataError("patches of images need proposals with masks; give proposal_N.json files or videos")
     n, n_frames = states.present.shape
     box = patch_boxes(states.location_world, states.box_px, states.reliable, 0, states.camera)
     centre = box[..., :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
@@ -84,12 +87,13 @@ def object_patches(pixels: VideoPixels, states: MotionStates, config: PatchModel
         for i in np.flatnonzero(whole[:, f]).tolist():
             row = rows[i][f]
             if row < 0:
-                raise DataError(f"frame {f}: the proposals have no detection of track {i}; give those it was made from")
+                known = f"frame {f}: the proposals have no detection of track {i}"
+                raise DataError(f"{known}; give the proposals that the tracks were made from")
             mask = rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": proposals.masks[row].encode()})
             patches[i, f] = _patch(frame, mask, centre[i, f], config)
     if count < n_frames:
         raise DataError(
-            f"the video has {count} frames, and the tracks have {n_frames}; give the video they were made from"
+            f"the video has {count} frames, and the tracks have {n_frames}; give the video that they were made from"
         )
     for i in range(n):
         seen = np.flatnonzero(whole[i])
@@ -100,7 +104,7 @@ def object_patches(pixels: VideoPixels, states: MotionStates, config: PatchModel
 def _patch(
     frame: NDArray[np.uint8], mask: NDArray[np.uint8], centre: NDArray[Any], config: PatchModelConfig
 ) -> NDArray[np.uint8]:
-    """(4, cells, cells) around a position (column, row); outside the image everything is 0."""
+    """The patch (4, cells, cells) around a centre (column, row) in the image; 0 outside the image."""
     side = round(config.patch_cells * config.cell_px)
     low = np.floor(centre - side / 2).astype(int) - 1
     left, top = np.clip(low, 0, (WIDTH_PX - 1, HEIGHT_PX - 1)).tolist()

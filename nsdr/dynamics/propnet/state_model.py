@@ -1,4 +1,4 @@
-"""The state backend's networks: one detects collisions in observed motion, one predicts the next positions."""
+"""The networks of the state backend: one detects collisions in observed motion, the other predicts the next positions."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -7,31 +7,32 @@ import torch
 from msgspec import Meta
 from torch import Tensor, nn
 
+from nsdr.dynamics.motion_states import STATIC_FEATURES
 from nsdr.dynamics.propnet.layers import PropNet, mlp
 from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
-STATIC_FEATURES = 5
 LENGTH_WORLD = 0.1
-"""Unit of lengths inside the networks: about the displacement of a fast object in one frame (world units)."""
+"""Unit of length inside the networks (world units): about the displacement of a fast object in one frame."""
 DIAMETER = 4.0
-"""An object's width in `LENGTH_WORLD`: the distance at which two touch."""
+"""Width of an object, which is the distance at which two objects touch (units of `LENGTH_WORLD`)."""
 NEAR, FAR, MAX_DISTANCE = 3.0, 6.0, 12.0
-"""Distances between objects are clamped to a range around contact (in `LENGTH_WORLD`), because only near contact matters."""
+"""Only distances near contact matter: the distance minus `DIAMETER` is clamped to -`NEAR` to `FAR`, and the smallest distance
+in a window to `MAX_DISTANCE` (units of `LENGTH_WORLD`)."""
 INERTIA_STEPS = 3
-"""Displacements between samples whose mean is the current velocity."""
+"""Number of displacements between samples whose mean is taken as the current velocity."""
 
 
 @dataclass(frozen=True)
 class StateModelConfig(Settings):
-    """Sizes and time steps.
+    """Sizes and time steps of the networks.
 
     Attributes:
-        hidden: width of the networks.
-        propagation_steps: L (paper: 2).
-        stride_frames: frames between two samples of a window, and of one prediction.
-        past_steps: samples of the past that the forward network sees, the present included; at least 4, because the velocity
-            is the mean over the last three displacements.
-        side_steps: samples on each side of the present that the observer sees.
+        hidden: width of the hidden layers.
+        propagation_steps: number of propagation steps L (paper: 2).
+        stride_frames: number of frames between two samples of a window, and from the present to the prediction.
+        past_steps: number of samples that the forward network sees, including the present; at least 4, because the velocity is
+            the mean of the last three displacements.
+        side_steps: number of samples on each side of the present that the observer network sees.
         collision_threshold: probability above which a pair collides.
     """
 
@@ -44,10 +45,10 @@ class StateModelConfig(Settings):
 
 
 class StateModel(nn.Module):
-    """Two propagation networks on windows of ground-plane states.
+    """Two propagation networks on windows of ground-plane states: a forward network and an observer network.
 
-    All inputs are relative to the object's own current position, or to the other object, so the networks know no absolute
-    position and training may rotate scenes.
+    All inputs are relative to the current position of the object or to another object, so the networks see no absolute
+    positions, and training may rotate scenes.
     """
 
     def __init__(self, config: StateModelConfig) -> None:
@@ -64,16 +65,16 @@ class StateModel(nn.Module):
         self.observer_network = network(whole, 1)
 
     def predict(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
-        """The next position of every object, and the collisions until then.
+        """Predict the next position of every object, and the collisions until then.
 
         Args:
-            window: (B, N, past_steps, 2) positions in world units, the present last.
-            reliable: (B, N, past_steps) bool.
+            window: (B, N, past_steps, 2) positions, the present last (world units).
+            reliable: (B, N, past_steps) bool, whether each position is reliable.
             static: (B, N, 5) one-hot shape and material.
-            exists: (B, N) bool.
+            exists: (B, N) bool, whether each object exists.
 
         Returns:
-            Positions (B, N, 2) `stride_frames` later; collision logits (B, N, N), symmetric.
+            The positions (B, N, 2) `stride_frames` later, and symmetric collision logits (B, N, N).
         """
         objects = _object_inputs(window, reliable, static, present=-1)
         motion, collision = self.forward_network(objects, _relation_inputs(window), exists)
@@ -81,22 +82,34 @@ class StateModel(nn.Module):
         return window[:, :, -1] + velocity + motion * LENGTH_WORLD, _symmetric(collision[..., 0])
 
     def observe(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> Tensor:
-        """Collision logits (B, N, N) at the middle of windows (B, N, 2 side_steps + 1, 2)."""
+        """Detect collisions in the middle of windows.
+
+        Args:
+            window: (B, N, 2 side_steps + 1, 2) positions (world units).
+            reliable: (B, N, 2 side_steps + 1) bool, whether each position is reliable.
+            static: (B, N, 5) one-hot shape and material.
+            exists: (B, N) bool, whether each object exists.
+
+        Returns:
+            Symmetric collision logits (B, N, N).
+        """
         objects = _object_inputs(window, reliable, static, present=self.config.side_steps)
         return _symmetric(self.observer_network(objects, _relation_inputs(window), exists)[1][..., 0])
 
 
 def _symmetric(logits: Tensor) -> Tensor:
+    """The mean of the logits (B, N, N) of both directions of each pair."""
     return (logits + logits.transpose(1, 2)) / 2
 
 
 def _object_inputs(window: Tensor, reliable: Tensor, static: Tensor, present: int) -> Tensor:
+    """Inputs of the object encoder (B, N, ...): positions relative to that at sample `present`, and the other features."""
     own = (window - window[:, :, present : present + 1 or None]) / LENGTH_WORLD
     return torch.cat([static, own.flatten(2), reliable.to(window.dtype)], -1)
 
 
 def _relation_inputs(window: Tensor) -> Tensor:
-    """What the relation encoder reads (B, N, N, ...) of windows (B, N, samples, 2), from receiver to sender."""
+    """Inputs of the relation encoder (B, N, N, ...) from windows (B, N, samples, 2): the sender relative to the receiver."""
     apart = (window[:, None] - window[:, :, None]) / LENGTH_WORLD
     distance = torch.linalg.vector_norm(apart, dim=-1)
     moving_apart = distance[..., 1:] - distance[..., :-1]

@@ -1,4 +1,4 @@
-"""The state backend: propagation networks on ground-plane states (paper, section 4.2)."""
+"""The state backend: propagation networks on ground-plane states (section 4.2 of the paper)."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -23,19 +23,21 @@ from nsdr.io.device import limit_threads
 from nsdr.types import Event, Rollout
 
 PEAK_FRAMES = 4
-"""Frames on each side of the most probable one whose probabilities decide the frame of a collision."""
+"""The frame of a collision is the mean, weighted by probability, over this many frames on each side of the most probable
+one."""
 OBSERVED_AT_ONCE = 32
-"""Frames that the observer sees in one call: so many fit into a processor's cache. Results do not depend on it."""
+"""Number of frames in a batch of the observer network, which fits into a processor's cache. Results do not depend on it."""
 
 
 class StatePredictor(PretrainedPart[StateModel]):
-    """Propagation networks over ground-plane states (paper, section 4.2).
+    """A dynamics backend with propagation networks on ground-plane states (section 4.2 of the paper).
 
-    Differs from the paper: states instead of image patches; observed collisions are read from motion before and after;
-    with an object removed, only what its absence can influence is predicted anew, the rest keeps its observed motion.
+    Differs from the paper: the inputs are states instead of image patches; collisions in the video are detected from the motion
+    before and after them; without an object, only motion that its absence can influence is predicted, and all other motion is
+    as observed.
 
     Args:
-        model: trained networks.
+        model: the trained networks.
     """
 
     part = "dynamics"
@@ -47,7 +49,7 @@ class StatePredictor(PretrainedPart[StateModel]):
 
     @limit_threads(1)
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
-        """Find the video's collisions, unless they are given; see `nsdr.dynamics.Dynamics`."""
+        """Detect the collisions in the video unless they are given; see `nsdr.dynamics.Dynamics`."""
         observed = self.observed_collisions(states) if collisions is None else collisions
         smoothed = smooth_tracks(states, observed)
 
@@ -60,13 +62,13 @@ class StatePredictor(PretrainedPart[StateModel]):
         return NetworkExplanation(states, continued, without_each)
 
     def observed_collisions(self, states: MotionStates) -> list[Event]:
-        """Collisions during the video, in order of time; each pair at most once, at its most probable frame."""
+        """Collisions during the video in order of time, at most one for each pair, at its most probable frame."""
         return [event for event, p in self.collision_candidates(states) if p > self.config.collision_threshold]
 
     @limit_threads(1)
     @torch.no_grad()
     def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
-        """For every pair that is ever seen together, its most probable collision, and how probable that is; by frame."""
+        """For every pair that is ever present together, its most probable collision and its probability, in order of frames."""
         n, frames = states.present.shape
         if n < 2:
             return []
@@ -98,10 +100,17 @@ class StatePredictor(PretrainedPart[StateModel]):
         removed: Sequence[int | None],
         total: int,
     ) -> list[Rollout]:
-        """Rollouts of `total` frames in one batch, each without an object, or with all for None.
+        """Make rollouts of `total` frames in one batch.
 
-        An object is "free" from the frame on at which its motion is no longer the observed one: after the video, or from
-        a collision that the removed object's absence changes.
+        An object is free, which means that its motion is predicted, from the end of the video on or from the first collision
+        that the absence of the removed object changes. Before that it moves as observed.
+
+        Args:
+            states: motion states of the objects.
+            observed: collisions during the video, in order of time.
+            smoothed: the smoothed tracks.
+            removed: id of the object that each rollout lacks; None for a rollout with all objects.
+            total: number of frames.
         """
         n_frames = states.present.shape[1]
         n, stride, past = len(states.objects), self.config.stride_frames, self.config.past_steps
@@ -138,7 +147,7 @@ class StatePredictor(PretrainedPart[StateModel]):
                     else:
                         free_from[rollout, pair] = np.minimum(free_from[rollout, pair], t)
             free = (free_from <= t) & exists
-            at_work = np.flatnonzero(free.any(1))  # in the other rollouts all still move as observed
+            at_work = np.flatnonzero(free.any(1))  # in the other rollouts, all objects still move as observed
             if not len(at_work):
                 continue
             past_frames = slice(t, t + reach + 1, stride)
@@ -185,14 +194,16 @@ class StatePredictor(PretrainedPart[StateModel]):
         ]
 
     def _on_device(self, network: Any, *inputs: torch.Tensor) -> Any:
-        """Outputs of a network on the CPU, computed on the device of its weights."""
+        """Run a network on the device of its weights, and return its outputs on the CPU."""
         outputs = network(*(x.to(self.device) for x in inputs))
         return tuple(x.cpu() for x in outputs) if isinstance(outputs, tuple) else outputs.cpu()
 
 
 def windows(states: MotionStates, index: NDArray[Any]) -> tuple[torch.Tensor, torch.Tensor]:
-    """Positions (T, n, K, 2) and reliability (T, n, K) at frame indices (T, K); frames outside the video continue
-    in straight lines and are not reliable."""
+    """Positions (T, n, K, 2) and their reliability (T, n, K) at frame indices (T, K).
+
+    Positions in frames outside the video are continued in straight lines and are not reliable.
+    """
     frames = states.present.shape[1]
     inside = (index >= 0) & (index < frames)
     beyond = max(-int(index.min()), int(index.max()) - frames + 1, 0)
