@@ -30,7 +30,7 @@ browser: .venv/installed-browser
 # Takes half an hour on a machine that does nothing else. DATA is a folder with clips/ (videos and proposals) and real/ (official
 # proposals as proposals_dev.npz, truth_dev.json.gz, questions/mixed_dev.json); without it, what needs them is left out.
 bench: .venv/installed-dev
-	$(BIN)/python benchmarks/speed.py -o results/speed.md $(if $(DATA),--data $(DATA))
+	$(BIN)/python -m benchmarks.speed -o results/speed.md $(if $(DATA),--data $(DATA))
 
 # Everything that runs on a GPU. ARGS="--device cuda:1" takes another one; ARGS=--small tries it on few frames, without a GPU on a
 # simulated one and the CPU.

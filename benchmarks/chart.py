@@ -1,16 +1,16 @@
 """The README's chart: the default system beside published ones, by type of question.
 
-`python benchmarks/chart.py -o docs/images/results.png` draws the first row of `results/real_dev.json`, with its intervals, and
+`python -m benchmarks.chart -o docs/images/results.png` draws the first row of `results/real_dev.json`, with its intervals, and
 published accuracies.
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
+from benchmarks.shared import parser_of
 from nsdr.io.reading import read_json
 
 TYPES = ("descriptive", "explanatory", "predictive", "counterfactual")
@@ -26,7 +26,7 @@ PUBLISHED = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--table", type=Path, default=Path("results/real_dev.json"))
     parser.add_argument("-o", "--output", type=Path, required=True)
     options = parser.parse_args()
@@ -34,11 +34,11 @@ def main() -> None:
     keys = [("accuracy", "interval"), *[("per_question", "per_question_interval")] * 3]
     ours = 100 * np.array([table[kind][key] for kind, (key, _) in zip(TYPES, keys, strict=True)])
     ends = 100 * np.array([table[kind][interval] for kind, (_, interval) in zip(TYPES, keys, strict=True)])
-    matplotlib.use("Agg")
-    figure, axis = plt.subplots(figsize=(9, 3.4))
+    figure = Figure(figsize=(9, 3.4))
+    axis = figure.subplots()
     step, x = 0.11, np.arange(len(TYPES))
     for k, (name, values) in enumerate(PUBLISHED.items()):
-        axis.plot(x + (k - 3) * step, values, "o", label=name, color=plt.get_cmap("Blues")(0.35 + 0.12 * k))
+        axis.plot(x + (k - 3) * step, values, "o", label=name, color=matplotlib.colormaps["Blues"](0.35 + 0.12 * k))
     error = np.abs(ends.T - ours)
     axis.errorbar(x + 3 * step, ours, error, fmt="D", capsize=3, label="nsdr", color="darkorange")
     for at, value in zip(x + 3 * step, ours, strict=True):

@@ -1,37 +1,44 @@
-"""What honest reasoning and texts that game it earn: `python benchmarks/evidence.py -o results/evidence.md`.
+"""What honest reasoning and texts that game it earn, and whether narrated sentences hold.
 
-Simulates scenes of evaluation seeds, asks at most one question of each type about each, and rewards what `texts` makes with
-`nsdr.rewards.evidence`. Each text ends with the right answer, so that its reasoning alone counts, but for the row that says
-otherwise. About 5 s of CPU a scene.
+    python -m benchmarks.evidence -o results/evidence.md
+    python -m benchmarks.evidence --questions QUESTIONS.json --data FOLDER [--source truth] [--videos 60]
+
+The first command simulates scenes of evaluation seeds, asks at most one question of each type about each, and rewards what
+`texts` makes with `nsdr.rewards.evidence`. Each text ends with the right answer, so that its reasoning alone counts, except in
+the row that says otherwise. About 5 s of CPU a scene.
+
+The second command narrates the answers to questions, and reads the sentences back: how many hold, and how long that takes.
+Questions that fail in the scene (where the source does not know what they need) are left out and counted.
 """
 
-import argparse
 import random
 import re
-import shlex
-import sys
 import tempfile
+import time
+from argparse import Namespace
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, islice
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
-from nsdr import Executor, Scene, narrate, verify
+from benchmarks.shared import made_by, parser_of, show, table
+from nsdr import Answer, Executor, NsdrError, Scene, narrate, verify
 from nsdr.claims.reading import written
 from nsdr.claims.statements import EventPhrase, ObjectPhrase, Statement
 from nsdr.clevrer import solution
-from nsdr.clevrer.files.questions import QUESTION_TYPES, Question
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, read_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.evaluation.measures import mean_interval
+from nsdr.evaluation.sources import SOURCES
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.questions.selection import generate_questions
 from nsdr.generate.scene_files import truth_document
 from nsdr.io.files import write_json
-from nsdr.io.fingerprint import code_revision
 from nsdr.language.slots import Slot
 from nsdr.rewards import evidence
 from nsdr.symbolic.phrases import attribute_words
@@ -65,16 +72,19 @@ class Earned(NamedTuple):
     reward: float
 
 
+def answered(scene: Scene, question: Question) -> Answer:
+    """The answer by the question's programs."""
+    executor, program = Executor(scene), question.program or ()
+    choices = [(c.text, c.program or ()) for c in question.choices]
+    return executor.answer_choices(program, choices) if choices else executor.answer(program)
+
+
 def told(scene: Scene, question: Question, length: str) -> list[str]:
     """The sentences of the narrated answer."""
-    executor = Executor(scene)
-    choices = [(c.text, c.program or ()) for c in question.choices]
-    program = question.program or ()
-    answer = executor.answer_choices(program, choices) if choices else executor.answer(program)
-    return narrate(answer, scene, length).splitlines()[:-1]  # type: ignore[arg-type]
+    return narrate(answered(scene, question), scene, length).splitlines()[:-1]  # type: ignore[arg-type]
 
 
-def named(question: Question) -> list[str]:
+def named_objects(question: Question) -> list[str]:
     """The objects that a question and its options name, in their words."""
     found: dict[str, None] = {}
     for program in (question.program, *(c.program for c in question.choices)):
@@ -110,7 +120,7 @@ def denied(scene: Scene) -> Iterator[str]:
 def texts(scene: Scene, question: Question, other: Question, rng: random.Random) -> dict[str, Sequence[str]]:
     """The sentences of each row of the table, without the answer; `other` is another question about the scene."""
     short = told(scene, question, "short")
-    things, last = named(question), scene.n_frames - 1
+    things, last = named_objects(question), scene.n_frames - 1
     verbs = {"in": "enters", "out": "exits", "collision": "collide"}
     who = [" and ".join(f"the {scene.objects[i].name}" for i in e.objects) for e in scene.events]
     observed = [f"Frame {e.frame}: {them} {verbs[e.kind]}." for e, them in zip(scene.events, who, strict=True)]
@@ -193,45 +203,75 @@ def measure(n_scenes: int, per_type: int, folder: Path) -> tuple[dict[str, list[
     return earned, left_out
 
 
-def table(earned: Mapping[str, Sequence[Earned]], left_out: int) -> str:
+def table_of(earned: Mapping[str, Sequence[Earned]], left_out: int) -> str:
     """Markdown."""
-    lines = ["# What reasoning earns", "", f"| reasoning | {' | '.join(QUESTION_TYPES)} | all |", "|---" * 6 + "|"]
-    for name, rows in earned.items():
-        cells = [cell([e for e in rows if e.kind == kind]) for kind in QUESTION_TYPES]
-        lines.append(f"| {name} | {' | '.join([*cells, cell(rows)])} |")
+    rows = []
+    for name, of_name in earned.items():
+        rows.append((name, *(cell([e for e in of_name if e.kind == kind]) for kind in QUESTION_TYPES), cell(of_name)))
     kinds = [e.kind for e in earned[WRONG_ANSWER]]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in QUESTION_TYPES)
-    lines += [
-        "",
-        f"Means with 95 % intervals. Questions: {counts}; {left_out} more rest on nothing that is seen.",
-        "",
-        f"Made by `{shlex.join(['python', *sys.argv])}`, revision {code_revision()}.",
-    ]
-    return "\n".join(lines) + "\n"
+    head = "# What reasoning earns\n\n" + table(("reasoning", *QUESTION_TYPES, "all"), rows)
+    counted = f"Means with 95 % intervals. Questions: {counts}; {left_out} more rest on nothing that is seen."
+    return f"{head}\n\n{counted}\n\n{made_by()}"
 
 
 def cell(earned: Sequence[Earned]) -> str:
     """The mean reward with its interval."""
+    if not earned:
+        return "-"
     rewards = np.array([e.reward for e in earned])
     low, high = mean_interval(rewards, [e.scene for e in earned])
     return f"{rewards.mean():.2f} ({low:.2f}-{high:.2f})"
 
 
+def read_back(options: Namespace) -> None:
+    """Print how many narrated sentences hold, by type of question, and the times."""
+    scenes = list(islice(read_questions(options.questions), options.videos))
+    source = SOURCES[options.source](options.data, {s.scene_index for s in scenes})
+    counts: dict[str, Counter[str]] = {}
+    seconds: Counter[str] = Counter()
+    for asked in scenes:
+        scene = source(asked)
+        assert isinstance(scene, Scene)
+        for question in asked.questions:
+            count = counts.setdefault(question.subtype or question.type, Counter())
+            try:
+                answer = answered(scene, question)
+            except NsdrError:
+                count["left out"] += 1
+                continue
+            count["questions"] += 1
+            for length in ("short", "long"):
+                start = time.process_time()
+                text = narrate(answer, scene, length)
+                end = time.process_time()
+                found = verify(text, scene)
+                seconds["narrate"] += end - start
+                seconds["verify"] += time.process_time() - end
+                count["sentences"] += len(text.splitlines()) - 1
+                count["hold"] += sum(c.holds is True for c in found.claims)
+    counts = dict(sorted(counts.items())) | {"all": sum(counts.values(), Counter())}
+    for kind, count in counts.items():
+        print(f"{kind:<16}", ", ".join(f"{name} {n}" for name, n in count.items()))
+    texts = max(2 * counts["all"]["questions"], 1)
+    print("CPU time a text:", ", ".join(f"{name} {1000 * s / texts:.2f} ms" for name, s in seconds.items()))
+
+
 def main() -> None:
-    """Measure, and print or write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--scenes", type=int, default=110, help="number of scenes; about half have a predictive question"
-    )
+    parser = parser_of(__doc__)
+    parser.add_argument("--scenes", type=int, default=110, help="of which about half have a predictive question")
     parser.add_argument("--per-type", type=int, default=50, help="most questions of a type")
-    parser.add_argument("-o", "--output", default="", help="file of the table")
+    parser.add_argument("-o", "--output", type=Path, help="file of the table")
+    parser.add_argument("--questions", type=Path, help="questions whose answers are narrated")
+    parser.add_argument("--data", type=Path, help="what the scene source reads")
+    parser.add_argument("--source", default="truth", help="scene source, as of `nsdr evaluate`")
+    parser.add_argument("--videos", type=int, help="number of videos; all by default")
     options = parser.parse_args()
+    if options.questions:
+        read_back(options)
+        return
     with tempfile.TemporaryDirectory() as folder:
-        text = table(*measure(options.scenes, options.per_type, Path(folder)))
-    if options.output:
-        Path(options.output).write_text(text, "utf-8")
-    else:
-        print(text)
+        show(table_of(*measure(options.scenes, options.per_type, Path(folder))), options.output)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """The frame parser against torchvision's Mask R-CNN (speed), and against given masks (accuracy).
 
-`python benchmarks/frame_parser.py --videos DIR --proposals DIR [--every 4] [--precision float32 bfloat16] [--rounds 3]`
-`python benchmarks/frame_parser.py --objectness FRAMES [--every 4]`
+`python -m benchmarks.frame_parser --videos DIR --proposals DIR [--every 4] [--precision float32 bfloat16] [--rounds 3]`
+`python -m benchmarks.frame_parser --objectness FRAMES [--every 4]`
 
 Accuracy on `video_N.mp4` whose `proposal_N.json` or `sim_N.json` is there: attribute-exact F1 at box IoU 0.5 of objects with at
 least 60 visible pixels, average precision of masks and boxes; of the parser's result, with its masks.
@@ -12,9 +12,7 @@ All networks see the same frames by turns, `--rounds` times, and the fastest cou
 The second command counts, in frames of `nsdr data frames`, the detections of proposals whose objectness is below some values.
 """
 
-import argparse
 import resource
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -28,6 +26,7 @@ from torch import Tensor, nn
 from torchvision.models.detection import MaskRCNN, maskrcnn_resnet50_fpn
 from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 
+from benchmarks.shared import fastest, parser_of, table
 from nsdr.frame_parser.dataset import FrameDataset, image_tensor
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.parser import Detector, FrameParser
@@ -69,22 +68,6 @@ class ParserAsNetwork(nn.Module):
         }
 
 
-def timed(runs: dict[str, tuple[Callable[[], Any], int]], rounds: int) -> dict[str, tuple[float, float]]:
-    """(CPU time, wall time) a frame in ms of each function, which processes so many frames: the fastest of all rounds."""
-    best = dict.fromkeys(runs, (float("inf"), float("inf")))
-    for round_index in range(rounds + 1):
-        for name, (run, n_frames) in runs.items():
-            cpu, wall = time.process_time(), time.perf_counter()
-            run()
-            spent = (time.process_time() - cpu, time.perf_counter() - wall)
-            if round_index:  # the first one warms up
-                best[name] = (
-                    min(best[name][0], 1000 * spent[0] / n_frames),
-                    min(best[name][1], 1000 * spent[1] / n_frames),
-                )
-    return best
-
-
 def references(model: nn.Module) -> dict[str, nn.Module]:
     """Networks of torchvision, with random weights except the parser's own."""
     small = {"min_size": HEIGHT_PX, "max_size": WIDTH_PX}
@@ -108,22 +91,22 @@ def one_by_one(network: nn.Module, images: list[Tensor]) -> None:
 @torch.no_grad()
 def compare_speed(parsers: dict[str, FrameParser], video: Any, rounds: int, reference_frames: int) -> None:
     frames = video[:TIMED_FRAMES]
-    runs: dict[str, tuple[Callable[[], Any], int]] = {
-        f"nsdr, {name}": (partial(p.parse, frames), len(frames)) for name, p in parsers.items()
-    }
+    runs: dict[str, Callable[[], Any]] = {f"nsdr, {name}": partial(p.parse, frames) for name, p in parsers.items()}
+    count = dict.fromkeys(runs, len(frames))
     images = [image_tensor(frame) for frame in frames[:reference_frames]]
     if images:
         for name, network in references(next(iter(parsers.values())).model).items():
-            runs[name] = (partial(one_by_one, network, images), len(images))
-    best = timed(runs, rounds)
+            runs[name], count[name] = partial(one_by_one, network, images), len(images)
+    ms = {name: [1000 * s / count[name] for s in best] for name, best in fastest(runs, rounds).items()}
     print(
-        f"\n{torch.get_num_threads()} threads, {available_cores()} cores; the parsers' times are with masks, not with decoding"
+        f"{torch.get_num_threads()} threads, {available_cores()} cores; the times of nsdr include masks, but no decoding"
     )
-    print("| network | CPU, ms a frame | wall, ms a frame |" + "".join(f" CPU, times {n} |" for n in parsers))
-    print("|---" * (3 + len(parsers)) + "|")
-    for name, (cpu, wall) in best.items():
-        ratios = "".join(f" {cpu / best[f'nsdr, {n}'][0]:.1f} |" for n in parsers)
-        print(f"| {name} | {cpu:.1f} | {wall:.1f} |{ratios}")
+    columns = ["network", "CPU, ms a frame", "wall, ms a frame", *(f"CPU, times {name}" for name in parsers)]
+    rows = []
+    for name, (cpu, wall) in ms.items():
+        ratios = (f"{cpu / ms[f'nsdr, {other}'][0]:.1f}" for other in parsers)
+        rows.append((name, f"{cpu:.1f}", f"{wall:.1f}", *ratios))
+    print(table(columns, rows))
 
 
 @limit_threads()
@@ -142,14 +125,13 @@ def count_objectness(folder: Path, every: int, parser: FrameParser) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--videos", type=Path)
     parser.add_argument("--proposals", type=Path)
     parser.add_argument("--objectness", type=Path)
     parser.add_argument("--checkpoint", default="default")
     parser.add_argument("--every", type=int, default=4, help="measure accuracy on every n-th frame; 0 leaves it out")
     parser.add_argument("--precision", nargs="+", default=["auto"], choices=PRECISIONS)
-    parser.add_argument("--stride", type=int, nargs="*", default=[], help="also time a whole video at these strides")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--reference_frames", type=int, default=3, help="0 leaves torchvision's networks out")
     options = parser.parse_args()
@@ -174,11 +156,6 @@ def main() -> None:
     video = read_video(sorted(options.videos.rglob("video_*.mp4"))[0])
     if options.rounds:
         compare_speed(parsers, video, options.rounds, options.reference_frames)
-    for stride in options.stride:
-        strided = FrameParser.from_checkpoint(folder, stride=stride, precision=options.precision[0])
-        start = time.perf_counter()
-        strided.parse(video)
-        print(f"stride {stride}: {time.perf_counter() - start:.1f} s for {len(video)} frames")
     print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.1f} GiB")
 
 

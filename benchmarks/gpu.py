@@ -1,17 +1,16 @@
 """Everything that runs on a GPU, once: `python -m benchmarks.gpu -o results/gpu.md [--device cuda] [--small]` (`make gpu`).
 
-Each part's results beside the CPU's (`gpu_results`); of every training one step beside the CPU's, a resumed run, and the time
-of a step with batches made in several ways (`gpu_trainings`); two processes on two devices; frames per second from video to
-answer. Without a GPU, results and single steps are those of a simulated second device, and the rest runs on the CPU.
+Each part's results and a step of every training, compared with the CPU's; a resumed run of every training, compared with an
+uninterrupted one; frames per second from video to answer (`benchmarks.gpu_rows`). Without a GPU, results and single steps are
+those of a simulated second device, and the rest runs on the CPU.
 
-The most important rows come first. The table is written after each row, so that what is done stays when the rest is killed.
-A row that fails is in the table with its reason. After it a new process goes on, because an error of CUDA spoils its process.
+The table is written after each row, so that what is done stays when the rest is killed. A row that fails is in the table with
+its reason. After it a new process goes on, because an error of CUDA spoils its process.
 
 Making the data needs the extra `generate`. Where that is missing, `--data` takes the folder `data` that another machine made in
 its `--work`.
 """
 
-import argparse
 import json
 import platform
 import struct
@@ -29,8 +28,9 @@ import torch
 from msgspec.structs import replace
 from tqdm import tqdm
 
-from benchmarks import gpu_results as results, gpu_trainings as trainings
-from benchmarks.gpu_results import SIMULATED, Result, Setting, nsdr
+from benchmarks import gpu_rows
+from benchmarks.gpu_rows import SIMULATED, Result, Setting, nsdr
+from benchmarks.shared import parser_of, table
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.questions import write_questions
 from nsdr.errors import DataError
@@ -49,34 +49,29 @@ ADDED_VIDEOS = 48
 """Videos that a longer run from video to answer has more than a shorter one."""
 UNTIMED = ("results", "one step", "resumed")
 """Kinds of rows that find no times, so that several of them are measured at once."""
+COLUMNS = ("what", "found", "as expected", "time", "memory")
 GIB = 2**30
-
 Row = Callable[[Setting], Result]
 """Measures one row of the table."""
 
 
 def rows(small: bool) -> dict[str, Row]:
-    """What is measured, by name; fewer rows of frames where it is `small`."""
+    """What is measured, by name, the most important rows first; fewer rows of frames where it is `small`."""
     found: dict[str, Row] = {
-        "results: frame parser, float32": partial(results.frame_parser, precision="float32"),
-        "results: frame parser, auto": partial(results.frame_parser, precision="auto"),
-        "results: question parser": results.question_parser,
-        "results: collision network": results.collision_network,
+        "results: frame parser, float32": partial(gpu_rows.frame_parser, precision="float32"),
+        "results: frame parser, auto": partial(gpu_rows.frame_parser, precision="auto"),
+        "results: question parser": gpu_rows.question_parser,
+        "results: collision network": gpu_rows.collision_network,
     }
     for name in ("physics", "state", "paper", "paper_images"):
-        found[f"results: dynamics {name}"] = partial(results.dynamics, name=name)
-    for name in ("truth/mac", "truth/mac_objects", "truth/tbd", "truth/tvqa", "pixels/mac_objects"):
-        found[f"results: baseline {name}"] = partial(results.baseline, name=name)
-    found["results: video to answers"] = results.pipeline
-    for title, row in (("one step", trainings.one_step), ("resumed", trainings.resumed)):
-        found |= {f"{title}: {name}": partial(row, name=name) for name in trainings.trainings()}
+        found[f"results: dynamics {name}"] = partial(gpu_rows.dynamics, name=name)
+    found["results: video to answers"] = gpu_rows.pipeline
+    for title, row in (("one step", gpu_rows.one_step), ("resumed", gpu_rows.resumed)):
+        found |= {f"{title}: {name}": partial(row, name=name) for name in gpu_rows.trainings()}
     found["frames: by stage"] = stages
     for workers in (1, 4, 16)[: 1 if small else None]:
         title = f"frames: video to answer, --workers {workers}, batches of {EVALUATED_BATCH}"
         found[title] = partial(video_to_answer, workers=workers, batch_size=EVALUATED_BATCH)
-    found |= {f"rate: {name}": partial(trainings.rates, name=name) for name in trainings.trainings()}
-    for name in ("question-parser", "dynamics on states"):
-        found[f"two processes: {name}"] = partial(trainings.two_processes, name=name)
     return found
 
 
@@ -128,8 +123,8 @@ def video_to_answer(setting: Setting, workers: int, batch_size: int) -> Result:
     return f"{text}{memory}; {done['errors']} of {len(done['results'])} questions failed", not done["errors"]
 
 
-def measured(row: Row, setting: Setting) -> tuple[str, bool]:
-    """The cells of a row after its name: what was found, verdict, seconds, peak memory in this process; and the verdict."""
+def measured(row: Row, setting: Setting) -> tuple[str, ...]:
+    """The cells of a row after its name: what was found, verdict, seconds, and peak memory in this process."""
     on_gpu = torch.cuda.is_available() and setting.real != "cpu"
     if on_gpu:
         torch.cuda.reset_peak_memory_stats(setting.real)
@@ -137,26 +132,26 @@ def measured(row: Row, setting: Setting) -> tuple[str, bool]:
     text, is_well = row(setting)
     seconds = time.perf_counter() - begin
     peak = f"{torch.cuda.max_memory_reserved(setting.real) / GIB:.2f}" if on_gpu else "-"
-    return f"{text} | {'yes' if is_well else '**no**'} | {seconds:.0f} | {peak}", is_well
+    return text, "yes" if is_well else "**no**", f"{seconds:.0f}", peak
 
 
-def all_measured(chosen: Mapping[str, Row], setting: Setting, at_once: int) -> Iterator[tuple[str, str, bool]]:
-    """Name, other cells and verdict of each row as it is done, `at_once` rows at a time where they find no times.
+def all_measured(chosen: Mapping[str, Row], setting: Setting, at_once: int) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Name and other cells of each row as it is done, `at_once` rows at a time where they find no times.
 
     An error, or the death of the process that measures, costs one row.
     """
     here, pools = local(), list[ProcessPoolExecutor]()
 
-    def cells_of(name: str) -> tuple[str, str, bool]:
+    def cells_of(name: str) -> tuple[str, tuple[str, ...]]:
         if getattr(here, "pool", None) is None:
             here.pool = ProcessPoolExecutor(1, get_context("spawn"))
             pools.append(here.pool)
         try:
-            return name, *here.pool.submit(measured, chosen[name], setting).result()
+            return name, here.pool.submit(measured, chosen[name], setting).result()
         except Exception as e:
             here.pool.shutdown()
             here.pool, reason = None, " ".join(f"{type(e).__name__}: {e}".split())[:200].replace("|", "/")
-            return name, f"{reason} | **failed** | - | -", False
+            return name, (reason, "**failed**", "-", "-")
 
     untimed = [name for name in chosen if name.startswith(UNTIMED)]
     with tqdm(total=len(chosen), unit="row") as bar:
@@ -170,7 +165,7 @@ def all_measured(chosen: Mapping[str, Row], setting: Setting, at_once: int) -> I
 
 
 def heading(setting: Setting, revision: str) -> str:
-    """What was measured, where and with what; and the head of the table."""
+    """What was measured, where and with what."""
     if setting.device == SIMULATED:
         where = "no GPU: results and single steps are of a simulated second device, the rest of the CPU"
     elif torch.cuda.is_available() and setting.device != "cpu":
@@ -183,12 +178,11 @@ def heading(setting: Setting, revision: str) -> str:
         f"`make gpu`{size} at revision {revision}, {time.strftime('%Y-%m-%d')}. Device: {where}; "
         f"{available_cores()} cores, torch {torch.__version__}, Python {platform.python_version()}.\n"
         "Time in seconds; memory is the most that torch reserved on the GPU in one process, GiB.\n\n"
-        "| what | found | as expected | time | memory |\n|---|---|---|---|---|\n"
     )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("-o", "--output", type=Path, required=True)
     default = "cuda" if torch.cuda.is_available() else SIMULATED
     parser.add_argument("--device", default=default, help=f"of torch, or {SIMULATED}; {default} by default here")
@@ -209,12 +203,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not chosen:
         parser.error(f"no row has {' or '.join(options.only)} in its name")
     setting.work.mkdir(parents=True, exist_ok=True)
-    lines, failures = dict[str, str](), 0
-    for name, cells, is_well in all_measured(chosen, setting, options.at_once):
-        lines[name], failures = f"| {name} | {cells} |\n", failures + (not is_well)
+    found = dict[str, tuple[str, ...]]()
+    for name, cells in all_measured(chosen, setting, options.at_once):
+        found[name] = cells
         with atomic_path(options.output) as temporary:  # what is done is kept if the rest is killed
-            table = "".join(lines[known] for known in chosen if known in lines)
-            temporary.write_text(heading(setting, options.revision) + table, encoding="utf-8")
+            text = table(COLUMNS, [(known, *found[known]) for known in chosen if known in found])
+            temporary.write_text(f"{heading(setting, options.revision)}{text}\n", encoding="utf-8")
+    failures = sum(cells[1] != "yes" for cells in found.values())
     print(f"{options.output}: {failures} of {len(chosen)} rows not as expected")
     return 1 if failures else 0
 

@@ -1,46 +1,52 @@
-"""Collisions after interventions: our simulator against Bullet, on generated scenes.
+"""Collisions after interventions: the physics backend against Bullet, on generated scenes.
 
-`python benchmarks/interventions.py FOLDER [--scenes 200] [--first 560000] [-o table.md]`
+`python -m benchmarks.interventions [--scenes 200] [--first 560000] [-o results/interventions.md]`
 
 Each scene is simulated in Bullet, and again from the frame of an intervention with the changed objects, for every kind of
-intervention. FOLDER keeps what Bullet says, one file a scene, so a second call goes on. Predictions are made anew: from the
-true states and masses, and from a fit to the true tracks of the video. A collision is predicted rightly if the same pair
-collides at most `TOLERANCE_FRAMES` apart ("pairs": at any frame); of each pair, the first collision after the intervention
-counts, up to the horizon. "Nudged" is Bullet again, with every object shifted by a 400th of its width: nobody who knows the
-states less precisely can expect to do better. About 5 seconds of a core a scene, 7 with nudging.
+intervention. Predictions are made from the true states and masses, and from a fit to the true tracks of the video. A collision
+is predicted rightly if the same pair collides at most `SAME_EVENT_FRAMES` apart ("pairs": at any frame). The first collision of
+each pair after the intervention counts, up to the horizon. "Nudged" is Bullet again, with every object shifted by a 400th of
+its width: nobody who knows the states less precisely can expect to do better. About 7 seconds of a core a scene.
 """
 
-import argparse
-import gzip
-import json
 import math
 import random
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
-from nsdr import Add, DataError, Event, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity, load_backend
-from nsdr.dynamics.interventions import resolve
+from benchmarks.shared import (
+    Collisions,
+    bullet_collisions,
+    load_default,
+    made_by,
+    parser_of,
+    planar_bodies,
+    show,
+    table,
+)
+from nsdr import Add, DataError, Event, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
+from nsdr.dynamics import simulate
+from nsdr.dynamics.interventions import changed_ids, with_added
 from nsdr.dynamics.metrics import same_collisions
+from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.dynamics.physics.changed_bodies import change_bodies
-from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, Perturbations, simulate
-from nsdr.generate.physics.bullet import Body, Simulator
+from nsdr.dynamics.physics.simulator import NO_CONTACT, Perturbations, simulate as simulate_bodies
+from nsdr.evaluation.measures import ratio_interval
+from nsdr.generate.physics.bullet import Simulator
+from nsdr.generate.physics.disturbed import states_at
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.scene_files import truth_document
-from nsdr.io.checkpoint import find_checkpoint
-from nsdr.io.files import atomic_path
 from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD, VIDEO_FRAMES, horizon_frame
+from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD, SAME_EVENT_FRAMES, VIDEO_FRAMES, horizon_frame
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
 
-TOLERANCE_FRAMES = 3
-"""As in `nsdr.dynamics.metrics.collision_scores`."""
 LAST_START = 80
 """Interventions are at frame 0 to this one."""
 CALM_FRAMES = 5
@@ -53,11 +59,12 @@ NUDGE_WORLD = 0.001
 """Standard deviation of the shift of nudged objects (world units): a 400th of their width."""
 RUNS = 30
 """Runs from known states, as many as the backend makes."""
+END = horizon_frame(VIDEO_FRAMES) + 1
 ANY_FRAME = 10**6
 TRIES = 200
-RESAMPLES = 2000
-Case = dict[str, Any]
+SOURCES = ("known states", "fitted to the video", "Bullet, nudged")
 Pair = tuple[list[Event], list[Event]]
+"""Predicted and true collisions."""
 
 
 class Draw:
@@ -155,13 +162,11 @@ KINDS: dict[str, Callable[[Draw], list[Any]]] = {
 }
 
 
-def make_cases(seed: int, simulator: Simulator) -> dict[str, Any]:
-    """A scene's truth, and for each kind an intervention with the collisions that Bullet finds after it."""
-    scene = simulate_scene(seed)
+def draw_changes(scene: SimulatedScene, seed: int) -> Iterator[tuple[str, int, list[Any]]]:
+    """For each kind: its name, a frame, and interventions at this frame."""
     rng = random.Random(f"interventions {seed}")
     hits = [c.frame for c in scene.motion.contacts]
     calm = [f for f in range(1, LAST_START + 1) if all(abs(f - hit) > CALM_FRAMES for hit in hits)]
-    cases = []
     for kind, draw in KINDS.items():
         for _ in range(TRIES):
             frame = 0 if rng.random() < 0.5 else rng.choice(calm)
@@ -169,215 +174,119 @@ def make_cases(seed: int, simulator: Simulator) -> dict[str, Any]:
                 changes = draw(Draw(scene, frame, rng))
             except LookupError:
                 continue
-            case = {
-                "kind": kind,
-                "frame": frame,
-                "changes": [{"type": type(c).__name__, **asdict(c)} for c in changes],
-                "states": states_of(scene, frame).tolist(),
-                "collisions": truth_after(scene, changes, frame, simulator),
-            }
-            cases.append(case)
+            yield kind, frame, changes
             break
-    truth = truth_document(scene, seed, CLEVRER_CAMERA)
-    return {"seed": seed, "truth": truth, "cases": cases}
 
 
-def states_of(scene: SimulatedScene, frame: int) -> Any:
-    """Rows (x, y, vx, vy, yaw, spin, mass) of the objects at a frame."""
-    motion = scene.motion
-    flat = [motion.location_world[:, frame, :2], motion.velocity[:, frame, :2]]
-    is_cube = np.array([o.shape == "cube" for o in scene.objects])
-    turn = np.where(is_cube, [motion.orientation[:, frame, 2], motion.angular_velocity[:, frame, 2]], 0.0)
-    return np.concatenate([*flat, turn.T, scene.mass[:, None]], 1)
-
-
-def truth_after(scene: SimulatedScene, changes: list[Any], frame: int, simulator: Simulator) -> list[list[int]]:
-    """Rows (i, j, frame) of the first collision of each pair that Bullet finds after interventions."""
-    motion, bodies = scene.motion, []
-    state = (motion.location_world, motion.orientation, motion.velocity, motion.angular_velocity)
-    for o in scene.objects:
-        bodies.append(Body(o.shape, *(tuple(rows[o.id, frame]) for rows in state), mass=float(scene.mass[o.id])))
-    return collisions_after(bodies, scene.objects, changes, frame, simulator)
-
-
-def nudged(document: dict[str, Any], case: Case, simulator: Simulator) -> list[list[int]]:
-    """What Bullet finds when all objects stand `NUDGE_WORLD` aside: how far its own answers depend on nothing visible."""
-    rng, states, bodies = np.random.default_rng(document["seed"]), np.array(case["states"]), []
-    states[:, :2] += NUDGE_WORLD * rng.normal(size=states[:, :2].shape)
-    objects = objects_of(document)
-    for o, (x, y, vx, vy, yaw, spin, mass) in zip(objects, states.tolist(), strict=True):
-        turn = (math.pi / 2 if o.shape == "cylinder" else 0.0, 0.0, yaw)
-        bodies.append(Body(o.shape, (x, y, OBJECT_RADIUS_WORLD), turn, (vx, vy, 0.0), (0.0, 0.0, spin), mass))
-    return collisions_after(bodies, objects, changes_of(case), case["frame"], simulator)
-
-
-def collisions_after(
-    start: Sequence[Body], objects: Sequence[SceneObject], changes: list[Any], frame: int, simulator: Simulator
-) -> list[list[int]]:
-    """Rows (i, j, frame) of the first collision of each pair that Bullet finds after interventions on bodies."""
-    bodies = dict(enumerate(start))
-    for i, change in resolve(changes, objects, np.ones((len(objects), VIDEO_FRAMES), bool), frame).of:
+def by_bullet(
+    objects: Sequence[SceneObject], states: np.ndarray, changes: list[Any], frame: int, simulator: Simulator
+) -> list[Event]:
+    """What Bullet finds after interventions on objects in the states of `states_at`."""
+    shapes, rows = {o.id: o.shape for o in with_added(objects, changes)}, dict(enumerate(states.copy()))
+    for i, change in zip(changed_ids(changes, objects), changes, strict=True):
         if isinstance(change, Remove):
-            del bodies[i]
+            del rows[i], shapes[i]
         elif isinstance(change, Add):
             turn = (math.pi / 2 if change.shape == "cylinder" else 0.0, 0.0, change.yaw)
-            place = (change.x, change.y, OBJECT_RADIUS_WORLD)
-            bodies[i] = Body(change.shape, place, turn, (change.vx, change.vy, 0.0), mass=change.mass)
+            place, velocity = (change.x, change.y, OBJECT_RADIUS_WORLD), (change.vx, change.vy, 0.0)
+            rows[i] = np.array([*place, *turn, *velocity, 0.0, 0.0, 0.0, change.mass])
+        elif isinstance(change, SetMass):
+            rows[i][12] *= change.factor
+        elif isinstance(change, Move):
+            rows[i][:2] += change.dx, change.dy
+        elif isinstance(change, Freeze):  # bodies without mass are fixed in Bullet
+            rows[i][6:] = 0.0
+        elif change.factor is not None:
+            rows[i][6:9] *= change.factor
         else:
-            bodies[i] = changed_body(bodies[i], change)
-    numbers = list(bodies)
-    run = simulator.run([bodies[i] for i in numbers], horizon_frame(VIDEO_FRAMES) + 1 - frame)
-    found: dict[tuple[int, int], int] = {}
-    for contact in run.contacts:
-        i, j = sorted(numbers[k] for k in contact.bodies)
-        found.setdefault((i, j), contact.frame + frame)
-    return [[i, j, at] for (i, j), at in found.items()]
+            angle = math.radians(change.direction)
+            rows[i][6:9] = change.speed * math.cos(angle), change.speed * math.sin(angle), 0.0
+    return first_of_pairs(bullet_collisions(shapes, np.array(list(rows.values())), frame, END, simulator))
 
 
-def changed_body(body: Body, change: Any) -> Body:
-    """A body of Bullet with an intervention."""
-    x, y, z = body.location_world
-    if isinstance(change, SetMass):
-        return replace(body, mass=body.mass * change.factor)
-    if isinstance(change, Move):
-        return replace(body, location_world=(x + change.dx, y + change.dy, z))
-    if isinstance(change, Freeze):  # bodies without mass are fixed in Bullet
-        return replace(body, velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0), mass=0.0)
-    if change.factor is not None:
-        vx, vy, _ = (change.factor * v for v in body.velocity)
-    else:
-        angle = math.radians(change.direction)
-        vx, vy = change.speed * math.cos(angle), change.speed * math.sin(angle)
-    return replace(body, velocity=(vx, vy, 0.0))
+def first_of_pairs(rows: Collisions) -> list[Event]:
+    """The first collision of each pair."""
+    first: dict[tuple[int, int], int] = {}
+    for i, j, frame in sorted(rows, key=lambda row: row[2]):
+        first.setdefault((i, j), frame)
+    return [Event("collision", frame, pair) for pair, frame in first.items()]
 
 
-def changes_of(case: Case) -> list[Any]:
-    """The interventions of a case."""
-    kinds = {kind.__name__: kind for kind in (Remove, SetMass, SetVelocity, Move, Freeze, Add)}
-    return [kinds[row["type"]](**{k: v for k, v in row.items() if k != "type"}) for row in case["changes"]]
-
-
-def objects_of(document: dict[str, Any]) -> list[SceneObject]:
-    """Identities of a scene."""
-    return [SceneObject(o["object_id"], o["color"], o["material"], o["shape"]) for o in document["truth"]["objects"]]
-
-
-def known_state(document: dict[str, Any], case: Case) -> list[Event]:
-    """Collisions by our simulator from the true states and masses, in most of `RUNS` runs that are nudged a little."""
-    objects, frame, states = objects_of(document), case["frame"], np.array(case["states"])
-    shapes = np.array([SHAPES.index(o.shape) for o in objects])
-    bodies = BodyStates(shapes, states[:, :6], states[:, 6])
-    changes = resolve(changes_of(case), objects, np.ones((len(objects), VIDEO_FRAMES), bool), frame)
-    changed = change_bodies(bodies, changes)
+def from_known_states(
+    objects: Sequence[SceneObject], states: np.ndarray, changes: list[Any], frame: int
+) -> list[Event]:
+    """What the backend's simulator finds from the true states, in most of `RUNS` runs that are nudged a little."""
+    changed = change_bodies(planar_bodies([o.shape for o in objects], states), objects, changes)
     n, rng = len(changed.exists), np.random.default_rng(0)
     nudges = np.zeros((RUNS - 1, n, 1, 6))
     nudges[..., 0, :2] = NUDGE_WORLD * rng.normal(size=(RUNS - 1, n, 2))
     runs = Perturbations(nudges, np.ones((RUNS - 1, n)))
-    total = horizon_frame(VIDEO_FRAMES) + 1
-    frames = simulate(changed.bodies, changed.exists, total, start=frame, perturbations=runs).contacts
+    frames = simulate_bodies(changed.bodies, changed.exists, END, start=frame, perturbations=runs).contacts
     hit = frames != NO_CONTACT
     pairs = np.argwhere(np.triu(hit.mean(0) > 0.5, 1)).tolist()
     return [Event("collision", int(np.median(frames[hit[:, i, j], i, j])), (i, j)) for i, j in pairs]
 
 
-def fitted_video(document: dict[str, Any], backend: Any) -> Iterator[tuple[list[Event], bool]]:
-    """For each case, collisions by the backend from the video's true tracks, and whether it refused the intervention."""
-    truth = document["truth"]
+def measure(seed: int, backend: Any, simulator: Simulator) -> Iterator[tuple[str, dict[str, Pair], bool]]:
+    """Kind, collisions by source, and whether the backend refused, of each intervention on a scene."""
+    made = simulate_scene(seed)
+    truth = truth_document(made, seed, CLEVRER_CAMERA)
     annotation = {"object_property": truth["objects"], "motion_trajectory": truth["frames"][: truth["n_frames"]]}
-    tracks = tracks_from_annotation(annotation)
-    for case in document["cases"]:
+    explanation = backend.explain(states_from_tracks(tracks_from_annotation(annotation)))
+    rng = np.random.default_rng(seed)
+    for kind, frame, changes in draw_changes(made, seed):
+        states = states_at(truth, frame)
+        nudged = states.copy()
+        nudged[:, :2] += NUDGE_WORLD * rng.normal(size=(len(states), 2))
+        true = by_bullet(made.objects, states, changes, frame, simulator)
         try:
-            simulation = backend.simulate(tracks, changes_of(case), case["frame"])
+            events = simulate(explanation, changes, frame).changed.collisions
+            fitted, is_refused = [[*e.objects, e.frame] for e in events if e.frame > frame], False
         except DataError:
-            yield [], True
-            continue
-        first: dict[tuple[int, ...], Event] = {}
-        for event in simulation.changed.collisions:
-            if event.frame > case["frame"]:
-                first.setdefault(event.objects, event)
-        yield list(first.values()), False
+            fitted, is_refused = [], True
+        found = (
+            from_known_states(made.objects, states, changes, frame),
+            first_of_pairs(fitted),
+            by_bullet(made.objects, nudged, changes, frame, simulator),
+        )
+        yield kind, {name: (events, true) for name, events in zip(SOURCES, found, strict=True)}, is_refused
 
 
-def events_of(rows: list[list[int]]) -> list[Event]:
-    """Collisions of rows (i, j, frame)."""
-    return [Event("collision", frame, (i, j)) for i, j, frame in rows]
-
-
-def interval(pairs: list[Pair], tolerance: int) -> str:
+def f1(pairs: Sequence[Pair], tolerance: int) -> str:
     """F1 in % with its 95 % interval, of a bootstrap over scenes."""
-    counts = np.array([counted(*pair, tolerance) for pair in pairs], float)
-
-    def f1(total: Any) -> Any:
-        return 200 * total[..., 0] / np.maximum(total[..., 1] + total[..., 2], 1)
-
-    drawn = np.random.default_rng(0).multinomial(len(counts), np.full(len(counts), 1 / len(counts)), RESAMPLES)
-    low, high = np.quantile(f1(drawn @ counts), [0.025, 0.975])
-    return f"{f1(counts.sum(0)):.1f} ({low:.1f}-{high:.1f})"
-
-
-def counted(predicted: list[Event], true: list[Event], tolerance: int) -> tuple[int, int, int]:
-    """Right, predicted and true collisions."""
-    return same_collisions(predicted, true, tolerance), len(predicted), len(true)
-
-
-def read_scene(path: Path, seed: int, simulator: Simulator, with_nudged: bool) -> dict[str, Any]:
-    """A scene's document, made where it is missing."""
-    document = json.loads(gzip.decompress(path.read_bytes())) if path.exists() else make_cases(seed, simulator)
-    is_new = not path.exists()
-    for case in document["cases"] if with_nudged else ():
-        if "nudged" not in case:
-            case["nudged"], is_new = nudged(document, case, simulator), True
-    if is_new:
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(gzip.compress(json.dumps(document).encode()))
-    return document
-
-
-def predict(documents: Sequence[dict[str, Any]]) -> tuple[dict[tuple[str, str], list[Pair]], Counter[str]]:
-    """(predicted, true) collisions by kind and source, and the number of refused interventions of each kind."""
-    backend = load_backend(find_checkpoint("default"), "physics")
-    results: dict[tuple[str, str], list[Pair]] = {}
-    refused: Counter[str] = Counter()
-    for document in documents:
-        for case, (fitted, is_refused) in zip(document["cases"], fitted_video(document, backend), strict=True):
-            true, kind = events_of(case["collisions"]), case["kind"]
-            refused[kind] += is_refused
-            results.setdefault((kind, "known"), []).append((known_state(document, case), true))
-            results.setdefault((kind, "fitted"), []).append((fitted, true))
-            if "nudged" in case:
-                results.setdefault((kind, "nudged"), []).append((events_of(case["nudged"]), true))
-    return results, refused
+    right = 2.0 * np.array([same_collisions(*pair, tolerance) for pair in pairs])
+    total = np.array([len(found) + len(true) for found, true in pairs], float)
+    if not total.any():
+        return "-"
+    low, high = ratio_interval(right, total)
+    return f"{100 * right.sum() / total.sum():.1f} ({100 * low:.1f}-{100 * high:.1f})"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser = parser_of(__doc__)
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--first", type=int, default=560_000, help="seed of the first scene")
-    parser.add_argument("--nudged", type=int, default=50, help="number of scenes that Bullet also simulates nudged")
     parser.add_argument("-o", "--output", type=Path)
     options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
+    backend, refused = load_default(), Counter[str]()
+    results: dict[str, dict[str, list[Pair]]] = {kind: {name: [] for name in SOURCES} for kind in KINDS}
     with Simulator() as simulator:
-        documents = [
-            read_scene(
-                options.folder / f"{options.first + k}.json.gz", options.first + k, simulator, k < options.nudged
-            )
-            for k in range(options.scenes)
-        ]
-    results, refused = predict(documents)
-    columns = ["intervention", "scenes", "collisions", "known states", "pairs", "fitted to the video", "pairs"]
-    columns += ["Bullet, nudged", "pairs", "refused"]
-    lines = [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
-    for kind in KINDS:
-        sources = [results[kind, source] for source in ("known", "fitted", "nudged") if (kind, source) in results]
-        cells = [interval(rows, t) for rows in sources for t in (TOLERANCE_FRAMES, ANY_FRAME)]
-        cells += ["-"] * (6 - len(cells))
-        total = sum(len(true) for _, true in sources[0])
-        lines.append(f"| {kind} | {len(sources[0])} | {total} | {' | '.join(cells)} | {refused[kind]} |")
-    print("\n".join(lines))
-    if options.output:
-        options.output.write_text("\n".join(lines) + "\n")
+        for seed in tqdm(range(options.first, options.first + options.scenes), unit="scene"):
+            for kind, of_source, is_refused in measure(seed, backend, simulator):
+                refused[kind] += is_refused
+                for name, pair in of_source.items():
+                    results[kind][name].append(pair)
+    rows = []
+    for kind, by_source in results.items():
+        cells = [f1(pairs, tolerance) for pairs in by_source.values() for tolerance in (SAME_EVENT_FRAMES, ANY_FRAME)]
+        known = by_source[SOURCES[0]]
+        rows.append((kind, len(known), sum(len(true) for _, true in known), *cells, refused[kind]))
+    columns = [column for name in SOURCES for column in (name, "pairs")]
+    text = table(("intervention", "scenes", "collisions", *columns, "refused"), rows)
+    show(
+        f"# Interventions against Bullet\n\n{text}\n\nF1 of collisions in %, with 95 % intervals. {made_by()}",
+        options.output,
+    )
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
 """Scores of observed collisions by `collision_threshold`, of the paper's networks on patches.
 
-`python benchmarks/patch_threshold.py --checkpoint runs/dynamics_paper/checkpoint --config configs/dynamics/paper.yaml`
+`python -m benchmarks.patch_threshold --checkpoint runs/dynamics_paper/checkpoint --config configs/dynamics/paper.yaml`
 
 The scenes are those that the training of CONFIG leaves out. Patches of images are read from the run's folder, or made there.
 Other options are those of `nsdr train dynamics`, such as `--proposals FILE --truth FILE --run_dir FOLDER`.
 """
 
-import argparse
 from dataclasses import replace
 
+from benchmarks.shared import parser_of
 from nsdr.dynamics.metrics import collision_scores
 from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
 from nsdr.training.patch_dynamics import ImageModelTask, PatchModelTask
@@ -19,7 +19,7 @@ THRESHOLDS = [round(0.05 * k, 2) for k in range(1, 20)]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--checkpoint", required=True, help="folder of the trained network")
     options, others = parser.parse_known_args()
     config = parse_training(DynamicsTraining, others, "dynamics")

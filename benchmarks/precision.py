@@ -1,6 +1,6 @@
 """How precisely must states be known to say what happens without an object? Bullet, our simulator and the default compared.
 
-`python benchmarks/precision.py DATA FOLDER [--scenes 300] [--runs 30] [-o results/precision]`
+`python -m benchmarks.precision DATA FOLDER [--scenes 300] [--runs 30] [-o results/precision.md]`
 
 DATA is a data set of `nsdr generate dataset` with questions; FOLDER keeps what was found, one file a scene, so a second call
 goes on. Each world without an object that a counterfactual question of the validation split removes is told
@@ -11,59 +11,60 @@ goes on. Each world without an object that a counterfactual question of the vali
 - by the default, fitted to the tracks of exact masks.
 
 Whatever the removal cannot influence is as in the video, for all. Velocities, yaws and masses have errors in proportion to
-those of positions. The questions are then answered in the true scene with these worlds; `-o` writes the table and a figure.
+those of positions. The questions are then answered in the true scene with these worlds.
 About 0.35 seconds of a core a run and scene.
 """
 
-import argparse
 import json
 import math
-import shlex
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations, pairwise
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 from msgspec import structs
 from numpy.typing import NDArray
 
-from nsdr import Event, Scene, load_backend, track
+from benchmarks.shared import (
+    Collisions,
+    bullet_collisions,
+    load_default,
+    made_by,
+    parser_of,
+    planar_bodies,
+    show,
+    table,
+)
+from nsdr import Event, Scene, track
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.proposals import parse_proposals
 from nsdr.clevrer.files.questions import Question, SceneQuestions, read_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
+from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.dynamics.physics import VERSION
-from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, simulate
-from nsdr.evaluation.measures import wilson_interval
+from nsdr.dynamics.physics.simulator import NO_CONTACT, simulate
+from nsdr.evaluation.measures import percent
 from nsdr.evaluation.score import evaluate
 from nsdr.generate.physics.bullet import BulletMotion, Contact, Simulator
-from nsdr.generate.physics.disturbed import bodies_of, disturbed, states_at
+from nsdr.generate.physics.disturbed import disturbed, states_at
 from nsdr.generate.physics.scene import SimulatedScene
 from nsdr.generate.scene_files import proposal_document
-from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import find_files, write_json
-from nsdr.io.fingerprint import code_revision, fingerprint
+from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.symbolic import Executor
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, MOVING_SPEED_WORLD_PER_S, STEPS_PER_FRAME
-from nsdr.world.vocabulary import ATTRIBUTES, SHAPES
+from nsdr.world.vocabulary import ATTRIBUTES
 
 ERRORS_WORLD = (0.001, 0.003, 0.01)
 """Standard deviations of the errors of positions (world units; objects are 0.4 wide)."""
-Collisions = list[list[int]]
-"""Rows (i, j, frame)."""
 UNITS = {"position": " world units", "velocity": " world units/s", "log mass": ""}
 """Of the errors of the default's states."""
-CERTAINTIES = (0.5, 0.7, 0.85, 0.95, 0.999, math.inf)
-"""Borders of the table of what the default states (0-1)."""
-KINDS = ("per_option", "per_question")
 EXACT, DEFAULT = "Bullet, true states", "default, from tracks"
 MEASURED = ("Bullet", "our simulator")
 
@@ -100,20 +101,14 @@ def world_of(truth: Mapping[str, Any], removed: int) -> World:
 
 def by_bullet(world: World, frames: int, simulator: Simulator) -> Collisions:
     """What Bullet finds from the world's start on."""
-    bodies = bodies_of([world.shapes[i] for i in world.kept], world.states[world.kept])
-    found = simulator.run(bodies, frames - world.start).contacts
-    return [[*(world.kept[k] for k in c.bodies), c.frame + world.start] for c in found]
+    shapes = {i: world.shapes[i] for i in world.kept}
+    return bullet_collisions(shapes, world.states[world.kept], world.start, frames, simulator)
 
 
 def by_ours(world: World, frames: int) -> Collisions:
     """What our simulator finds: the first contact of each pair."""
-    s = world.states
-    bodies = BodyStates(
-        np.array([SHAPES.index(shape) for shape in world.shapes]), s[:, [0, 1, 6, 7, 5, 11]].copy(), s[:, 12].copy()
-    )
-    bodies.state[[shape != "cube" for shape in world.shapes], 4:] = 0.0
-    exists = np.ones(len(s), bool)
-    exists[world.removed] = False
+    exists = np.arange(len(world.shapes)) != world.removed
+    bodies = planar_bodies(world.shapes, world.states)
     contacts = simulate(bodies, exists, frames, start=world.start).contacts[0]
     return [[i, j, int(contacts[i, j])] for i, j in combinations(world.kept, 2) if contacts[i, j] != NO_CONTACT]
 
@@ -159,36 +154,28 @@ def simulated_scene(truth: Mapping[str, Any]) -> SimulatedScene:
 
 def by_default(
     truth: Mapping[str, Any], removed: Sequence[int], backend: Any
-) -> tuple[dict[int, Collisions], list[tuple[float, bool]], dict[str, list[float]]]:
-    """The default's collisions without each object, what it states, and the errors of its states where the worlds start.
+) -> tuple[dict[int, Collisions], dict[str, list[float]]]:
+    """The default's collisions without each object, and the errors of its states where the worlds start.
 
-    Stated are the probability of each pair that it saw, and whether that collides. Errors are those of places and velocities
-    (lengths) of moving objects, and of the log masses, relative to their mean, of objects that collide in the video.
+    Errors are those of places and velocities (lengths) of moving objects, and of the log masses, relative to their mean, of
+    objects that collide in the video.
     """
     document = proposal_document(simulated_scene(truth), truth["scene_index"], "", CLEVRER_CAMERA)
-    predicted = backend.predict(track(parse_proposals(json.dumps(document).encode(), "proposals")))
-    scene = scene_from_truth(truth)
-    assert scene.counterfactual is not None
-    numbers = {o.name: o.id for o in scene.objects}
-    true_id = [numbers.get(o.name, -1) for o in predicted.objects]
-    seen = [i for i in range(len(scene.objects)) if i in true_id]
-    worlds, stated, errors = {}, list[tuple[float, bool]](), {name: list[float]() for name in UNITS}
-    met = {t for c in truth["collisions"] if c["frame_id"] < predicted.n_frames for t in c["object_ids"]}
-    for i in removed:
-        if i not in true_id:
-            continue
-        rollout = predicted.counterfactual[true_id.index(i)]
-        rows = [[*sorted(true_id[k] for k in e.objects), e.frame] for e in rollout.collisions]
-        worlds[i] = [row for row in rows if -1 not in row[:2]]
-        p = {(row[0], row[1]): 1.0 for row in rows}
-        p |= {tuple(sorted(true_id[k] for k in one.event.objects)): one.probability for one in rollout.uncertain}
-        happens = {e.objects for e in scene.counterfactual[i]}
-        stated += [(p.get(pair, 0.0), pair in happens) for pair in combinations([k for k in seen if k != i], 2)]
+    tracks = track(parse_proposals(json.dumps(document).encode(), "proposals"))
+    explanation = backend.explain(states_from_tracks(tracks))
+    observed, physics = explanation.observed, explanation.physics
+    numbers = {o["color"] + o["material"] + o["shape"]: o["object_id"] for o in truth["objects"]}
+    true_id = [numbers.get(o.color + o.material + o.shape, -1) for o in explanation.objects]
+    worlds, errors = {}, {name: list[float]() for name in UNITS}
+    met = {t for c in truth["collisions"] if c["frame_id"] < explanation.n_frames for t in c["object_ids"]}
+    for i in (i for i in removed if i in true_id):
+        found = explanation.counterfactual[true_id.index(i)].collisions
+        rows = [[*sorted(true_id[k] for k in e.objects), e.frame] for e in found]
+        worlds[i] = [row for row in rows if row[0] >= 0]
         world = world_of(truth, i)
-        if world.start >= predicted.n_frames:
+        if world.start >= explanation.n_frames:
             continue
-        place = predicted.observed.location_world[:, world.start]
-        velocity = predicted.physics.velocity_world_per_s[:, world.start]
+        place, velocity = observed.location_world[:, world.start], physics.velocity_world_per_s[:, world.start]
         for k, t in enumerate(true_id):
             is_moving = t in world.kept and np.hypot(*world.states[t, 6:8]) > MOVING_SPEED_WORLD_PER_S
             if is_moving and np.isfinite([place[k], velocity[k]]).all():
@@ -196,13 +183,14 @@ def by_default(
                 errors["velocity"].append(math.dist(velocity[k], world.states[t, 6:8]))
         weighed = [k for k, t in enumerate(true_id) if t in met]
         if weighed:
-            off = predicted.physics.log_mass[weighed] - np.log(world.states[[true_id[k] for k in weighed], 12])
+            off = physics.log_mass[weighed] - np.log(world.states[[true_id[k] for k in weighed], 12])
             errors["log mass"] += (off - off.mean()).tolist()
-    return worlds, stated, errors
+    return worlds, errors
 
 
-def explore(runs: int, truth_path: Path, removed: Sequence[int], output: Path) -> None:
-    """Write what every source finds of a scene without each of some objects."""
+def explore(runs: int, item: tuple[Path, Sequence[int]], output: Path) -> None:
+    """Write what every source finds of a scene without each of some objects: the item is its truth file, and their ids."""
+    truth_path, removed = item
     truth = read_truth_file(truth_path)
     rng, frames = np.random.default_rng(truth["seed"]), len(truth["frames"])
     found: dict[str, dict[int, Collisions]] = {EXACT: {}}
@@ -219,9 +207,8 @@ def explore(runs: int, truth_path: Path, removed: Sequence[int], output: Path) -
                 for name, tell in zip(MEASURED, told, strict=True):
                     of_runs = [with_video(world, tell(start)) for start in starts]
                     found.setdefault(f"{name}, {error:g}", {})[i] = most(of_runs)
-    backend = load_backend(find_checkpoint("default"), "physics")
-    found[DEFAULT], stated, errors = by_default(truth, removed, backend)
-    write_json(output, {"found": found, "stated": stated, "errors": errors})
+    found[DEFAULT], errors = by_default(truth, removed, load_default())
+    write_json(output, {"found": found, "errors": errors})
 
 
 def removed_by(question: Question, scene: Scene) -> int:
@@ -231,53 +218,6 @@ def removed_by(question: Question, scene: Scene) -> int:
     words = {word for known in ATTRIBUTES.values() for word in known} & set(before)
     (one,) = [o.id for o in scene.objects if words <= {o.color, o.material, o.shape}]
     return one
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("data", type=Path)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--scenes", type=int, default=300)
-    parser.add_argument("--runs", type=int, default=30)
-    parser.add_argument("--workers", type=int, default=0)
-    parser.add_argument("-o", "--output", type=Path, help="without an extension")
-    options = parser.parse_args()
-    truths, jobs, asked = {}, [], []
-    for scene in read_questions(options.data / "questions" / "validation.json")[: options.scenes]:
-        (path,) = find_files(options.data / "truth" / "validation", f"truth_{scene.scene_index:05d}.json")
-        truths[scene.scene_index] = true = scene_from_truth(read_truth_file(path))
-        questions = tuple(q for q in scene.questions if q.type == "counterfactual")
-        if not questions:
-            continue
-        asked.append(structs.replace(scene, questions=questions))
-        removed = sorted({removed_by(q, true) for q in questions})
-        key = fingerprint(inputs=[path], config=[VERSION, options.runs, removed, ERRORS_WORLD])
-        jobs.append(
-            Job(
-                f"scene {scene.scene_index}",
-                (path, removed),
-                options.folder / f"{scene.scene_index}.json",
-                key,
-            )
-        )
-    run_jobs(partial(_explore, options.runs), jobs, options.folder, workers=options.workers).succeeded(
-        jobs, options.folder, keep_going=False
-    )
-    documents = {scene.scene_index: read_json(job.output) for scene, job in zip(asked, jobs, strict=True)}
-    reports = {name: answers(asked, truths, documents, name) for name in next(iter(documents.values()))["found"]}
-    errors = {
-        name: [abs(value) for document in documents.values() for value in document["errors"][name]] for name in UNITS
-    }
-    stated = [row for document in documents.values() for row in document["stated"]]
-    text = table(reports, errors, stated, len(jobs), options.runs)
-    print(text)
-    if options.output:
-        options.output.with_suffix(".md").write_text(text)
-        draw(reports, float(np.median(errors["position"]))).savefig(options.output.with_suffix(".png"), dpi=100)
-
-
-def _explore(runs: int, item: tuple[Path, list[int]], output: Path) -> None:
-    explore(runs, *item, output)
 
 
 def answers(
@@ -294,65 +234,44 @@ def answers(
     return evaluate(zip(asked, executors, strict=True))["counterfactual"]
 
 
-def table(
-    reports: Mapping[str, Any],
-    errors: Mapping[str, list[float]],
-    stated: Sequence[tuple[float, bool]],
-    scenes: int,
-    runs: int,
-) -> str:
-    """Markdown."""
-    lines = ["# How precisely states must be known", "", "| worlds without an object | options (%) | questions (%) |"]
-    lines.append("|---" * 3 + "|")
-    for name, report in reports.items():
-        cells = [f"{100 * report[k]:.1f} ({_interval(report, k)})" for k in KINDS]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    of = next(iter(reports.values()))
-    lines += [
-        "",
-        f"{of['n_questions']} counterfactual questions about {scenes} generated scenes; {runs} runs. 95 % intervals.",
-    ]
+def main() -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--scenes", type=int, default=300)
+    parser.add_argument("--runs", type=int, default=30)
+    parser.add_argument("--workers", type=int, default=0)
+    parser.add_argument("-o", "--output", type=Path)
+    options = parser.parse_args()
+    truths, jobs, asked = {}, [], []
+    for scene in read_questions(options.data / "questions" / "validation.json")[: options.scenes]:
+        index = scene.scene_index
+        (path,) = find_files(options.data / "truth" / "validation", f"truth_{index:05d}.json")
+        questions = tuple(q for q in scene.questions if q.type == "counterfactual")
+        if questions:
+            truths[index] = scene_from_truth(read_truth_file(path))
+            asked.append(structs.replace(scene, questions=questions))
+            removed = sorted({removed_by(q, truths[index]) for q in questions})
+            key = fingerprint(inputs=[path], config=[VERSION, options.runs, removed, ERRORS_WORLD])
+            jobs.append(Job(f"scene {index}", (path, removed), options.folder / f"{index}.json", key))
+    done = run_jobs(partial(explore, options.runs), jobs, options.folder, workers=options.workers)
+    done.succeeded(jobs, options.folder, keep_going=False)
+    documents = {scene.scene_index: read_json(job.output) for scene, job in zip(asked, jobs, strict=True)}
+    rows = []
+    for name in next(iter(documents.values()))["found"]:
+        report = answers(asked, truths, documents, name)
+        rows.append((name, *(percent(report, kind, " ({:.1f}-{:.1f})") for kind in ("per_option", "per_question"))))
+    n_questions = sum(len(scene.questions) for scene in asked)
+    lines = ["# How precisely states must be known", ""]
+    lines += [table(("worlds without an object", "options (%)", "questions (%)"), rows), ""]
+    lines.append(
+        f"{n_questions} counterfactual questions about {len(jobs)} generated scenes; {options.runs} runs. 95 % intervals."
+    )
     for name, unit in UNITS.items():
-        middle, most_of = np.quantile(errors[name], [0.5, 0.68])
+        errors = [abs(value) for document in documents.values() for value in document["errors"][name]]
+        middle, most_of = np.quantile(errors, [0.5, 0.68])
         lines.append(f"Errors of the default's {name}: median {middle:.4f}, 68 % below {most_of:.4f}{unit}.")
-    lines += [
-        "",
-        "What the default states of pairs of objects in these worlds:",
-        "",
-        "| certainty (%) | pairs | right (%) |",
-    ]
-    lines.append("|---" * 3 + "|")
-    probability, happens = np.array(stated, float).T
-    certainty, right = np.maximum(probability, 1 - probability), (probability > 0.5) == happens
-    for low, high in pairwise(CERTAINTIES):
-        inside = (low <= certainty) & (certainty < high)
-        n = int(inside.sum())
-        if n:
-            share = float(right[inside].mean())
-            bounds = wilson_interval(share, n)
-            cells = f"{n} | {100 * share:.2f} ({100 * bounds[0]:.2f}-{100 * bounds[1]:.2f})"
-            lines.append(f"| {100 * low:g} to {100 * min(high, 1):g} | {cells} |")
-    command = shlex.join(["python", *sys.argv])
-    return "\n".join([*lines, "", f"Made by `{command}`, revision {code_revision()}."]) + "\n"
-
-
-def _interval(report: Mapping[str, Any], kind: str) -> str:
-    low, high = report[f"{kind}_interval"]
-    return f"{100 * low:.1f}-{100 * high:.1f}"
-
-
-def draw(reports: Mapping[str, Any], position_error: float) -> Figure:
-    """Right answers over the error of positions; the default is at its median one."""
-    figure = Figure(figsize=(8, 3.6), layout="constrained")
-    for axis, kind, title in zip(figure.subplots(1, 2), KINDS, ("options", "questions"), strict=True):
-        for name, marker in zip(MEASURED, "os", strict=True):
-            found = [100 * reports[f"{name}, {error:g}"][kind] for error in ERRORS_WORLD]
-            axis.plot(ERRORS_WORLD, found, marker=marker, label=name)
-        axis.plot(position_error, 100 * reports[DEFAULT][kind], "*", markersize=12, label=DEFAULT)
-        axis.set(xscale="log", xlabel="error of positions (world units)", ylabel="right (%)", title=title)
-        axis.grid(alpha=0.3)
-        axis.legend()
-    return figure
+    show("\n".join([*lines, "", made_by()]), options.output)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How the question parsers read texts in people's words: `python benchmarks/questions.py FILE.json ...`.
+"""How the question parsers read texts in people's words: `python -m benchmarks.questions FILE.json ...`.
 
 A file is a list of rows `{"kind", "text", "program"}` with a kind of text, and postfix tokens or null for a text that must be
 refused; `also` lists other programs that are right. A question file in CLEVRER's format counts, too: its texts and programs.
@@ -8,13 +8,12 @@ that ship were used to tune the rules, but for `questions_blind4.json`; the blin
 parser, and were measured before they were opened.
 """
 
-import argparse
 from collections.abc import Sequence
 from typing import Any
 
+from benchmarks.shared import parser_of, percent
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.errors import DataError, NsdrError, QuestionError
-from nsdr.evaluation.measures import wilson_interval
 from nsdr.io.reading import read_json
 from nsdr.language.texts import TEXT_KINDS
 from nsdr.question_parser.base import Parser
@@ -56,12 +55,9 @@ def outcomes(parser: Parser, rows: Sequence[dict[str, Any]]) -> list[tuple[str, 
 
 def shares(found: Sequence[str]) -> str:
     """Each outcome's share in percent, with its interval."""
-    texts = []
-    for name in (RIGHT, REFUSED, WRONG):
-        share = found.count(name) / max(1, len(found))
-        low, high = wilson_interval(share, len(found))
-        texts.append(f"{name} {100 * share:5.1f} ({100 * low:.1f}-{100 * high:.1f})")
-    return f"{len(found):>5}  " + "  ".join(texts)
+    return f"{len(found):>5}  " + "  ".join(
+        f"{n} {percent(found.count(n), len(found))}" for n in (RIGHT, REFUSED, WRONG)
+    )
 
 
 def report(parser: Parser, name: str, rows: Sequence[dict[str, Any]], is_listed: bool) -> None:
@@ -80,7 +76,7 @@ def report(parser: Parser, name: str, rows: Sequence[dict[str, Any]], is_listed:
 
 def main() -> None:
     """Read the sets and print their tables."""
-    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments = parser_of(__doc__)
     arguments.add_argument("files", nargs="*", help="sets of texts")
     arguments.add_argument("--checkpoint", default="default", help="checkpoint of the networks")
     arguments.add_argument("--parser", nargs="+", choices=PARSERS, default=PARSERS, help="the parsers to measure")

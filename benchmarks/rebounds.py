@@ -1,6 +1,6 @@
 """How strongly two objects rebound: Bullet's rule for one contact, and what Bullet does in space.
 
-`python benchmarks/rebounds.py [--hits 250] [--seed 1]`
+`python -m benchmarks.rebounds [--hits 250] [--seed 1]`
 
 Two objects collide in Bullet, at random speeds, offsets, yaws and masses, and again in our planar simulator with every rebound
 of a grid; the one that comes closest to Bullet's velocities is the rebound that Bullet had. For each pair of shapes the script
@@ -10,12 +10,12 @@ collision. About 2 minutes of a core. `pytest -m real_data -k rebound` compares 
 annotations: errors of 0.08 world units/s, 0.17 by the rule.
 """
 
-import argparse
 import random
 from itertools import combinations_with_replacement
 
 import numpy as np
 
+from benchmarks.shared import parser_of, table
 from nsdr.dynamics.physics.body_state import VELOCITY
 from nsdr.dynamics.physics.contact_geometry import SPHERE
 from nsdr.dynamics.physics.forces import approach, drift, slow_down, speed_after
@@ -105,32 +105,35 @@ def measure(shapes: tuple[str, str], hits: int, rng: random.Random, bullet: Simu
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--hits", type=int, default=250)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    rng, walls = random.Random(options.seed), []
-    print(
-        "| shapes | line through Bullet's rebounds | error of the rule | of the line | velocities as simulated | best |"
-    )
-    print("|---|---|---|---|---|---|")
+    rng, found = random.Random(options.seed), {}
     with Simulator() as bullet:
         for shapes in combinations_with_replacement(SHAPES, 2):
-            rows = measure(shapes, options.hits, rng, bullet)
-            if "sphere" not in shapes:
-                walls.append(rows)
-            print(f"| {' and '.join(shapes)} | {_line(rows)} |")
-    print(f"| all with walls | {_line(np.concatenate(walls))} |")
+            found[" and ".join(shapes)] = measure(shapes, options.hits, rng, bullet)
+    found["all with walls"] = np.concatenate([rows for shapes, rows in found.items() if "sphere" not in shapes])
+    columns = (
+        "shapes",
+        "line through Bullet's rebounds",
+        "error of the rule",
+        "of the line",
+        "velocities as simulated",
+        "best",
+    )
+    print(table(columns, [(shapes, *cells(rows)) for shapes, rows in found.items()]))
     print(
         "\nErrors of rebounds are root mean squares (shares of the approach speed), those of velocities means (world/s)."
     )
 
 
-def _line(rows: np.ndarray) -> str:
+def cells(rows: np.ndarray) -> tuple[str, ...]:
     share, rebound, best, simulated = rows[rows[:, 2] < CLOSE_WORLD_PER_S].T
     slope, constant = np.polyfit(share, rebound, 1)
     errors = [np.sqrt(np.mean((p - rebound) ** 2)) for p in (np.maximum(share, 0), constant + slope * share)]
-    return f"{constant:.2f} + {slope:.2f} rule | {errors[0]:.3f} | {errors[1]:.3f} | {simulated.mean():.3f} | {best.mean():.3f}"
+    numbers = (*errors, simulated.mean(), best.mean())
+    return f"{constant:.2f} + {slope:.2f} rule", *(f"{number:.3f}" for number in numbers)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,24 @@
 """How well violations are found: area under the ROC curve by law and size, what is said of them, and false alarms.
 
     nsdr generate violations --first_scene 560000 --videos 486 --renderer none -o SUITE
-    python benchmarks/violations.py SUITE --lawful PROPOSALS_VALIDATION.npz --every 5 -o results/violations.md
-    python benchmarks/violations.py --figure docs/images/violations.png
+    python -m benchmarks.violations SUITE --lawful PROPOSALS_VALIDATION.npz --every 5 -o results/violations.md
+    python -m benchmarks.violations SUITE --lawful PROPOSALS_VALIDATION.npz --every 80 --rates
+    python -m benchmarks.violations --figure docs/images/violations.png
 
 The suite needs masks. `--lawful` takes official proposals, in which nothing is broken; of these, `--every N --first K` takes a
-part. `--fit` prints the constants of `nsdr.laws.judge`, from a suite of training seeds and proposals of `train`; `--jumps` how
-far objects seem to jump while they are hidden in part, from those proposals.
+part. `--rates` prints what is found at other frame rates and lengths instead: videos of another rate are made from those of 25
+frames a second by interpolation (12.5 frames a second are a stride of 2), shorter ones are cut out around the violation.
+`--fit` prints the constants of `nsdr.laws.judge`, from a suite of training seeds and proposals of `train`; `--jumps` how far
+objects seem to jump while they are hidden in part, from those proposals.
 """
 
-import argparse
 import os
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -25,17 +29,16 @@ from PIL import Image
 from scipy.optimize import minimize_scalar
 from tqdm import tqdm
 
+from benchmarks.shared import made_by, parser_of, percent, show, table
 from nsdr.clevrer import read_compact_proposals, read_proposals
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.dynamics.motion_states import states_from_tracks
-from nsdr.evaluation.measures import wilson_interval
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.violations import SIZES, break_law
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, view_of
 from nsdr.generate.scene_files import annotation_document, solids_at
 from nsdr.io.files import find_files
-from nsdr.io.fingerprint import code_revision
 from nsdr.io.reading import read_json
 from nsdr.laws.breaks import HIDDEN_NOISE_WORLD, JUMP_FRAMES
 from nsdr.laws.evidence import evidence_in_time
@@ -45,11 +48,12 @@ from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
+from nsdr.world.physics_constants import FPS, SAME_EVENT_FRAMES
 
 T = TypeVar("T")
 R = TypeVar("R")
-FRAMES = 3
-"""Frames that the first frame of a violation may be off."""
+RATES = (30.0, 25.0, 24.0, 12.5, 10.0, 25 / 3, 8.0, 6.25)
+LENGTHS = (64, 32, 24, 16)
 FIGURE_SEED = 340000
 """Scenes of the figure come after this one."""
 FIGURE_FRAMES = (-16, -6, 0, 6, 16)
@@ -64,6 +68,9 @@ MARGIN, LEAST = 1.5, 6.0
 
 
 class Row(NamedTuple):
+    """A video of a suite, and what is said of it."""
+
+    path: Path
     violation: dict[str, Any] | None
     names: list[str]
     size: str
@@ -78,10 +85,10 @@ def rows_of(root: Path, workers: int) -> list[Row]:
     rows: list[Row] = []
     truths = [read_truth_file(path) for path in find_files(root / "truth", "truth_*.json")]
     files = [root / "derender_proposals" / f"proposal_{truth['scene_index']:05d}.json" for truth in truths]
-    for truth, found in zip(truths, in_parallel(judged_file, files, workers), strict=True):
+    for truth, path, found in zip(truths, files, in_parallel(judged_file, files, workers), strict=True):
         names = [f"{o['color']} {o['material']} {o['shape']}" for o in truth["objects"]]
         size = sizes[(truth["scene_index"] - first) // 2 // len(laws) % len(sizes)]  # as `ViolationsConfig` orders them
-        rows.append(Row(truth.get("violation"), names, size, *found))
+        rows.append(Row(path, truth.get("violation"), names, size, *found))
     return rows
 
 
@@ -114,57 +121,121 @@ def area(broken: list[float], lawful: list[float]) -> tuple[float, float, float]
 
 def report(rows: list[Row], official: list[Judgement]) -> str:
     lawful = [row.judgement.probability for row in rows if row.violation is None]
-    lines = [
-        "# Violations of the laws of CLEVRER's world",
-        "",
-        "| law | size | pairs | AUC | found (%) | law right (%) | objects right (%) | frame within 3 (%) | taken for |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
     cases: dict[tuple[str, str], list[Row]] = defaultdict(list)
     for row in rows:
         if row.violation is not None:
             cases[row.violation["law"], row.size].append(row)
-    for law in LAWS:
-        for size in SIZES:
-            if not (case := cases[law, size]):
-                continue
-            found = [row for row in case if row.judgement.violations]
-            right: Counter[str] = Counter()
-            taken: Counter[str] = Counter()
-            for row in found:
-                assert row.violation is not None
-                top = max(row.judgement.violations, key=lambda v: v.probability)
-                named = {row.judgement.objects[i].name for i in top.objects}
-                true = {row.names[i] for i in row.violation["objects"]}
-                right["law"] += top.law == law
-                right["objects"] += bool(named & true) if law == "identity" else named <= true
-                right["frame"] += abs(top.frame - row.violation["frame"]) <= FRAMES
-                if top.law != law:
-                    taken[top.law] += 1
-            auc = area([row.judgement.probability for row in case], lawful)
-            shares = [percent(right[k], len(found)) for k in ("law", "objects", "frame")]
-            others = ", ".join(f"{name} {n}" for name, n in taken.most_common()) or "-"
-            values = [law, size, len(case), f"{auc[0]:.3f} ({auc[1]:.3f}-{auc[2]:.3f})", percent(len(found), len(case))]
-            lines.append(f"| {' | '.join(map(str, [*values, *shares, others]))} |")
+    lines = []
+    for law, size in (key for key in product(LAWS, SIZES) if key in cases):
+        case, right, taken = cases[law, size], Counter[str](), Counter[str]()
+        found = [row for row in case if row.judgement.violations]
+        for row in found:
+            assert row.violation is not None
+            top = max(row.judgement.violations, key=lambda v: v.probability)
+            named = {row.judgement.objects[i].name for i in top.objects}
+            true = {row.names[i] for i in row.violation["objects"]}
+            right["law"] += top.law == law
+            right["objects"] += bool(named & true) if law == "identity" else named <= true
+            right["frame"] += abs(top.frame - row.violation["frame"]) <= SAME_EVENT_FRAMES
+            if top.law != law:
+                taken[top.law] += 1
+        auc = area([row.judgement.probability for row in case], lawful)
+        shares = [
+            percent(len(found), len(case), 0),
+            *(percent(right[k], len(found), 0) for k in ("law", "objects", "frame")),
+        ]
+        lines.append(
+            (law, size, len(case), f"{auc[0]:.3f} ({auc[1]:.3f}-{auc[2]:.3f})", *shares, _counts(taken) or "-")
+        )
+    columns = (
+        "law",
+        "size",
+        "pairs",
+        "AUC",
+        "found (%)",
+        "law right (%)",
+        "objects right (%)",
+        "frame within 3 (%)",
+        "taken for",
+    )
     alarms = sum(p > 0.5 for p in lawful)
-    lines += [
-        "",
-        f"False alarms: {alarms} of {len(lawful)} lawful videos of the suite ({percent(alarms, len(lawful))} %).",
-    ]
+    text = f"# Violations of the laws of CLEVRER's world\n\n{table(columns, lines)}\n\n"
+    text += (
+        f"False alarms: {alarms} of {len(lawful)} lawful videos of the suite ({percent(alarms, len(lawful), 0)} %).\n"
+    )
     if official:
         alarms = sum(bool(j.violations) for j in official)
-        laws = Counter(v.law for j in official for v in j.violations)
-        kinds = ", ".join(f"{law} {n}" for law, n in laws.most_common())
-        share = percent(alarms, len(official))
-        lines.append(f"Official proposals: {alarms} of {len(official)} videos ({share} %){': ' * bool(kinds)}{kinds}.")
-    return "\n".join(lines)
+        laws = _counts(Counter(v.law for j in official for v in j.violations))
+        share = percent(alarms, len(official), 0)
+        text += f"Official proposals: {alarms} of {len(official)} videos ({share} %){': ' * bool(laws)}{laws}.\n"
+    return f"{text}95 % intervals. {made_by()}"
 
 
-def percent(k: int, n: int) -> str:
-    if not n:
-        return "-"
-    low, high = wilson_interval(k / n, n)
-    return f"{100 * k / n:.0f} ({100 * low:.0f}-{100 * high:.0f})"
+def _counts(laws: Counter[str]) -> str:
+    return ", ".join(f"{law} {n}" for law, n in laws.most_common())
+
+
+def report_rates(rows: list[Row], official: list[VideoProposals], workers: int) -> str:
+    """What is found at other rates and lengths."""
+    made, lines = [(read_proposals(row.path), row.violation) for row in rows], []
+    for kind in (*RATES, *LENGTHS):
+        items = [(p, 64 if v is None or v["law"] == "arrow" else v["frame"]) for p, v in made]
+        judgements = in_parallel(partial(judged_part, kind), [*items, *((p, 64) for p in official)], workers)
+        found = right = alarms = 0
+        for judgement, (_, violation) in zip(judgements, made, strict=False):
+            top = max(judgement.violations, key=lambda v: v.probability, default=None)
+            found += top is not None and violation is not None
+            right += top is not None and violation is not None and top.law == violation["law"]
+            alarms += top is not None and violation is None
+        broken = sum(violation is not None for _, violation in made)
+        others = sum(bool(j.violations) for j in judgements[len(made) :])
+        text = f"{kind:.3g} a second" if isinstance(kind, float) else f"{kind} at 25 a second"
+        lawful = (f"{alarms} of {len(made) - broken}", f"{others} of {len(official)}")
+        lines.append((text, f"{found} of {broken}", right, *lawful))
+    return table(("frames", "violations found", "right law", "false alarms, suite", "false alarms, official"), lines)
+
+
+def judged_part(kind: float, item: tuple[VideoProposals, int]) -> Judgement:
+    """What is said of a video at another rate, or of some frames around one of its frames."""
+    proposals, middle = item
+    return (judged(*at_rate(proposals, kind)) if isinstance(kind, float) else judged(part(proposals, middle, kind)))[0]
+
+
+def at_rate(proposals: VideoProposals, fps: float) -> tuple[VideoProposals, NDArray[np.float64]]:
+    """The proposals of a video of another rate, and how late each frame is."""
+    p, late, taken = proposals, np.zeros(proposals.n_frames), dict[int, float]()
+    for time in np.arange(0, p.n_frames - 1 + 1e-6, FPS / fps).tolist():
+        frame = int(np.ceil(time - 0.5 - 1e-6))
+        if frame not in taken or abs(time - frame) < abs(late[frame]):
+            taken[frame], late[frame] = time, time - frame
+    row_of = {(int(f), int(a)): k for k, (f, a) in enumerate(zip(p.frame_index, p.attribute, strict=True))}
+    rows, before, after, share = [], [], [], []
+    for frame, time in taken.items():
+        start = int(time + 1e-6)
+        for k in np.flatnonzero(p.frame_index == start).tolist():
+            following = row_of.get((start + (time - start > 1e-6), int(p.attribute[k])))
+            if following is not None:
+                rows.append(frame)
+                before.append(k)
+                after.append(following)
+                share.append(max(time - start, 0.0))
+    weight = np.array(share)[:, None]
+
+    def between(values: NDArray[np.number]) -> NDArray[np.float64]:
+        return np.asarray((1 - weight) * values[before] + weight * values[after])
+
+    area = between(p.area_px[:, None])[:, 0].round().astype(int)
+    box = between(p.box_xyxy_px).round().astype(int)
+    columns = np.array(rows), p.attribute[before], p.score[before], between(p.centroid_px), area, box
+    return VideoProposals(p.n_frames, *columns, None, np.array(sorted(taken))), late
+
+
+def part(proposals: VideoProposals, middle: int, frames: int) -> VideoProposals:
+    """So many frames around one."""
+    first = int(np.clip(middle - frames // 2, 0, proposals.n_frames - frames))
+    kept = (proposals.frame_index >= first) & (proposals.frame_index < first + frames)
+    names = ("attribute", "score", "centroid_px", "area_px", "box_xyxy_px")
+    return VideoProposals(frames, proposals.frame_index[kept] - first, *(getattr(proposals, n)[kept] for n in names))
 
 
 def fit(rows: list[Row], official: list[list[Evidence]]) -> None:
@@ -253,11 +324,12 @@ def cell(image: NDArray[np.uint8], boxes: list[list[int]], part: tuple[int, int,
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("suites", nargs="*", type=Path, help="folders of `nsdr generate violations`")
     parser.add_argument("--lawful", type=Path, help="official proposals, .npz")
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--rates", action="store_true")
     parser.add_argument("--fit", action="store_true")
     parser.add_argument("--jumps", action="store_true")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
@@ -273,17 +345,14 @@ def main() -> None:
         print(f"{len(sizes)} jumps in {len(given)} videos:", *(f"{q} {np.quantile(sizes, q):.3f}" for q in QUANTILES))
         return
     rows = [row for root in o.suites for row in rows_of(root, o.workers)]
+    if o.rates:
+        show(report_rates(rows, given, o.workers), o.output)
+        return
     official = in_parallel(judged, given, o.workers)
     if o.fit:
         fit(rows, [evidence for _, evidence in official])
-        return
-    text = report(rows, [judgement for judgement, _ in official])
-    part = f" --lawful {o.lawful.name} --every {o.every} --first {o.first}" if o.lawful else ""
-    command = f"python benchmarks/violations.py SUITE{part} -o {o.output}"
-    text += f"\n95 % intervals. Made by `{command}`, revision {code_revision()}.\n"
-    print(text)
-    if o.output:
-        o.output.write_text(text, encoding="utf-8")
+    else:
+        show(report(rows, [judgement for judgement, _ in official]), o.output)
 
 
 if __name__ == "__main__":

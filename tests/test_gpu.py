@@ -8,8 +8,7 @@ import pytest
 from pycocotools import mask as rle
 
 from benchmarks import gpu
-from benchmarks.gpu_results import SIMULATED, Result, Setting, same_answers, same_detections
-from benchmarks.gpu_trainings import resumed
+from benchmarks.gpu_rows import SIMULATED, Result, Setting, question_parser, resumed, same_answers, same_detections
 from nsdr import Answer, VideoProposals
 from nsdr.clevrer.files.proposals import proposals_from_rows
 
@@ -30,7 +29,7 @@ def test_rows_go_on_after_a_failure_and_the_death_of_their_process(tmp_path: Pat
     monkeypatch.setattr(
         gpu,
         "rows",
-        lambda small: {"results: a": dies, "b": fails, "results: c": differs, "d": gpu.results.question_parser},
+        lambda small: {"results: a": dies, "b": fails, "results: c": differs, "d": question_parser},
     )
     table = tmp_path / "gpu.md"
     options = ["--device", SIMULATED, "--small", "--work", str(tmp_path), "--at_once", "2", "--revision", "abc"]
@@ -48,7 +47,7 @@ def test_rows_go_on_after_a_failure_and_the_death_of_their_process(tmp_path: Pat
 
 def test_the_exit_status_is_0_where_all_is_as_expected(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(gpu, "rows", lambda small: {"a": lambda setting: ("1", True)})
-    monkeypatch.setattr(gpu, "all_measured", lambda chosen, setting, at_once: iter([("a", "1 | yes | 0 | -", True)]))
+    monkeypatch.setattr(gpu, "all_measured", lambda chosen, setting, at_once: iter([("a", ("1", "yes", "0", "-"))]))
     assert gpu.main(["-o", str(tmp_path / "gpu.md"), "--device", SIMULATED, "--work", str(tmp_path)]) == 0
     assert (tmp_path / "gpu.md").read_text().endswith("|---|---|---|---|---|\n| a | 1 | yes | 0 | - |\n")
 

@@ -1,8 +1,7 @@
-"""Programs as token lists, and the benchmark of the executor."""
+"""Programs as token lists."""
 
 import pytest
 
-from benchmarks import executor as benchmark
 from nsdr import Executor, ProgramError, Scene
 
 
@@ -45,8 +44,3 @@ def test_the_limit_on_tokens_holds(small_scene: Scene, monkeypatch) -> None:
     for program in ("objects null filter_moving count", ["objects", "null", "filter_moving", "count"]):
         with pytest.raises(ProgramError, match="more than 2 tokens"):
             executor.run(program)
-
-
-def test_the_benchmark_runs(capsys) -> None:
-    benchmark.main(["--scenes", "1", "--repeats", "1"])
-    assert "answers with traces" in capsys.readouterr().out

@@ -33,7 +33,7 @@ LEFT, TOP, RIGHT, BOTTOM = range(4)
 """Indices of the sides of a box."""
 SIDE_SHIFT_PX = (0.45, -0.4, -0.47)
 """Corrections of the depth of a measured side inside the left, right and bottom borders (pixels): the difference between the
-sides of the true outline and of the mask. Measured on `train` by `python benchmarks/objects.py --shifts --every 5 --first 1
+sides of the true outline and of the mask. Measured on `train` by `python -m benchmarks.objects --shifts --every 5 --first 1
 --scenes 800`."""
 TOP_SHIFT_PX = {"cube": 0.64, "cylinder": 1.47, "sphere": 0.42}
 """Corrections of the depth of the fitted outline inside the top border (pixels), measured by the same command."""

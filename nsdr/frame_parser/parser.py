@@ -27,7 +27,7 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 MIN_OBJECTNESS = 0.05
 """Regions that are objects with a lower probability are not proposed (0-1). Not in training, where they are the negatives.
-`python benchmarks/frame_parser.py --objectness FRAMES` prints how many detections in training frames come from lower ones."""
+`python -m benchmarks.frame_parser --objectness FRAMES` prints how many detections in training frames come from lower ones."""
 
 
 class FrameParser(PretrainedPart[nn.Module]):

@@ -19,7 +19,7 @@ PRECISIONS = ("auto", "float32", "bfloat16")
 """Number formats of convolutions."""
 CPU_CHECK = "_is_amx_tile_supported"
 """Function of `torch.cpu` that says whether the processor multiplies bfloat16 matrices (AMX). Without, bfloat16 is slower than
-float32: `ONEDNN_MAX_CPU_ISA=AVX512_CORE_BF16 python benchmarks/frame_parser.py … --precision float32 bfloat16`."""
+float32: `ONEDNN_MAX_CPU_ISA=AVX512_CORE_BF16 python -m benchmarks.frame_parser … --precision float32 bfloat16`."""
 
 
 def resolve_device(device: str = "auto") -> Any:

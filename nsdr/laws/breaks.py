@@ -42,7 +42,7 @@ and their outline with them."""
 HIDDEN_NOISE_WORLD = 0.04
 """As `PLACE_NOISE_WORLD`, where an object is hidden, if only in part, for more than `JUMP_FRAMES` (world units): of 193 such
 changes in lawful videos of `train` one in fifty seems a jump of more than 0.086, the largest of 0.17 (`python
-benchmarks/violations.py --lawful PROPOSALS_TRAIN.npz --every 48 --first 5 --jumps`)."""
+-m benchmarks.violations --lawful PROPOSALS_TRAIN.npz --every 48 --first 5 --jumps`)."""
 JUMP_FRAMES = 6
 """After more frames without a reliable position, where an object is tells less of a jump; after more without any position,
 nothing where a visible object can have hit it."""

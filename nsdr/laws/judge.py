@@ -29,11 +29,11 @@ EVEN_NATS = {
 }
 STEEPNESS = 3.3
 """Evidence against each law that makes its violation as probable as not (nats), and how fast the log odds grow with the
-evidence's logarithm: of 501 lawful scenes of `train` and of training seeds, printed by `python benchmarks/violations.py SUITE…
+evidence's logarithm: of 501 lawful scenes of `train` and of training seeds, printed by `python -m benchmarks.violations SUITE…
 --lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit` (docs/judge.md says how the suites were made)."""
 MIN_JUDGED_FRAMES, MAX_SPACING_FRAMES = 24, 3
 """Fewest frames that are judged, and how far apart they may lie (frames): with fewer, little is found, and farther apart lawful
-videos seem to break laws (`python benchmarks/judge_rates.py SUITE PROPOSALS_VALIDATION.npz`)."""
+videos seem to break laws (`python -m benchmarks.violations SUITE --lawful PROPOSALS_VALIDATION.npz --rates`)."""
 
 SAFE_SPACING_FRAMES = 2
 """Frames farther apart are judged with a note (frames). Of 48 lawful videos (34 of `train`, every 260th from scene 5 on,

@@ -35,7 +35,7 @@ CHANGES: Mapping[str, Callable[[int], Intervention]] = {
 MOTION_ERROR_PX = 2.0
 """Assumed standard deviation of each component of `Scene.motion_px` (pixels). Of 188 objects of 40 videos of training
 seeds, 68 % have errors up to 0.5 and 95 % up to 6, where an object is first or last seen at another frame
-(`python benchmarks/directions.py --first 370000 --videos 40`)."""
+(`python -m benchmarks.extensions DATA DATA/derender_proposals --errors`)."""
 CLEAR_DEGREES = 30.0
 """The largest angle between a motion and a direction that describes it (degrees)."""
 SURE = 1.645

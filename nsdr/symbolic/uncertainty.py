@@ -17,8 +17,8 @@ N_DRAWS = 512
 SEED = 0
 FRAMES_OFF = {-2: 0.007, -1: 0.083, 0: 0.82, 1: 0.083, 2: 0.007}
 """How probable it is that an event is so many frames later than it was found. Of 8,067 entrances, exits and collisions of
-left-out `train` scenes, 81.9 % were exact and 16.4 % off by one frame (`python benchmarks/objects.py --every 5`, and
-`benchmarks/collisions.py --every 5`)."""
+left-out `train` scenes, 81.9 % were exact and 16.4 % off by one frame (`python -m benchmarks.objects --every 5`, and
+`python -m benchmarks.collisions --every 5`)."""
 SPEED_ERRORS = (-1.28, -0.52, 0.0, 0.52, 1.28)
 """Equally probable errors of an object's speed, in standard deviations: the middles of five parts of a normal distribution."""
 

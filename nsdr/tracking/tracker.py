@@ -35,14 +35,14 @@ dropped afterwards."""
 SWITCHED_WORDS, SWITCH_FRAMES, SWITCH_SHARE = 2, 6, 0.8
 """A tracklet is cut where it goes over from one object to another: so many words of the attributes change (a single one is
 often a wrong label) for so many frames on both sides, of which this share has that side's attributes. Set on every 8th scene
-of `train`, whose missing and spurious objects `python benchmarks/collisions.py --every 8` counts."""
+of `train`, whose missing and spurious objects `python -m benchmarks.collisions --every 8` counts."""
 LATE_SHARE = 0.6
 """An identity that enters late must be seen in this share of the frames from its first one to the video's end. Set like
 `TrackerConfig.min_frames`."""
 DUPLICATE_WORLD, DUPLICATE_SHARE = 0.25, 0.33
 """A track is dropped that is nearer than this to a longer one, or to an equally long and surer one, in this share of its
 frames: centres of two objects are at least 0.4 apart (world units). Set on `train`, whose missing and spurious objects
-`python benchmarks/objects.py` counts: 51 and 9 of 42,745. Smaller values keep more spurious ones, larger ones drop objects."""
+`python -m benchmarks.objects` counts: 51 and 9 of 42,745. Smaller values keep more spurious ones, larger ones drop objects."""
 SAME_IOU = 0.5
 """Boxes of two consecutive frames that overlap this much (intersection over union) can be one object's, whatever the distance
 between their places: at the border and far away, places are off by more than objects move."""
@@ -51,7 +51,7 @@ MIN_SAMPLES = 2
 LATE_DETECTIONS = 4
 """Of the cubes and cylinders whose n detections, up to so many, are the video's last ones, about 0.5 to the power of n are
 another kind of object: 5 of 9 with one detection, 2 of 9 with two, 2 of 6 with three and none of 6 with four, in the scenes of
-`train` (`python benchmarks/objects.py`). Of 90 such spheres none was; in `validation`, 1 of 23 and 2 of 4 others."""
+`train` (`python -m benchmarks.objects`). Of 90 such spheres none was; in `validation`, 1 of 23 and 2 of 4 others."""
 _WORDS = np.array([attributes_of(i) for i in range(N_ATTRIBUTE_TRIPLES)])
 """(N_ATTRIBUTE_TRIPLES, 3) words of each attribute index."""
 MAX_SPACING_FRAMES = 8
@@ -66,7 +66,7 @@ class TrackerConfig(Settings):
         score: proposals with a score up to this are ignored (0-1; paper: 0.9).
         min_frames: an identity must be seen in more frames than this (paper: 10, with which wrong labels of other objects
             make more spurious ones). Set on scenes 0, 1, 3 and 5 of every 10 of `train` with the objects that
-            `python benchmarks/objects.py` counts. Frames are those of a video of 25 frames per second; where only some were
+            `python -m benchmarks.objects` counts. Frames are those of a video of 25 frames per second; where only some were
             processed, each counts for those up to the next.
     """
 

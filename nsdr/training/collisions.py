@@ -29,7 +29,7 @@ from nsdr.validation import Count, NotNegative, PathName, PositiveCount, Setting
 
 HELD_OUT_EVERY = 5
 """Scenes whose index is divisible by this number are kept out of training: for evaluation, and to weigh the network's evidence
-against that of the fit (`benchmarks/collisions.py`)."""
+against that of the fit (`benchmarks.collisions`)."""
 HIDDEN_FRAMES = (6, 50)
 """Range of the lengths of made-up gaps and errors in tracks (frames)."""
 NEAR_COLLISION_SHARE = 0.6

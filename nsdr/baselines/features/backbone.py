@@ -79,8 +79,7 @@ class ResnetBackbone:
 class FrameParserBackbone:
     """Maps of the frame parser's backbone, a feature pyramid that was trained to find objects and their attributes.
 
-    Differs from the paper: its ResNet was trained on ImageNet. `python benchmarks/probe.py` measures what linear layers can
-    read from these maps.
+    Differs from the paper: its ResNet was trained on ImageNet.
 
     Args:
         detector: the frame parser's detector.

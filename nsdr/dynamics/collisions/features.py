@@ -15,7 +15,7 @@ from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 NEAR_WORLD = 1.0
 """Pairs whose centres never come closer than this do not collide (world units). In all 4,223 collisions of the left-out scenes
-of `train`, they come closer (`python benchmarks/collisions.py` counts collisions in which they do not)."""
+of `train`, they come closer (`python -m benchmarks.collisions` counts collisions in which they do not)."""
 SPEED_WORLD = 0.05
 """Unit of displacements in one frame (world units)."""
 BENDS = ((3, 0.1), (8, 0.2))

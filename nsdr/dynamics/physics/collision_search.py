@@ -24,7 +24,7 @@ TRIED_FROM = 0.01
 once."""
 BIAS, NETWORK_WEIGHT, GAP_WEIGHT = 0.623, 0.636, -42.6
 """Weights of a logistic regression on `CollisionEvidence`, fitted on left-out scenes of `train`: `python
-benchmarks/collisions.py --proposals FILE.npz --truth FILE.json.gz --every 5 --weights` prints them."""
+-m benchmarks.collisions --proposals FILE.npz --truth FILE.json.gz --every 5 --weights` prints them."""
 MAX_LOG_ODDS = 12.0
 """The log-odds of the detector are clamped to ± this value."""
 MAX_GAP_WORLD = 0.3

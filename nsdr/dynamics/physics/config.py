@@ -16,7 +16,7 @@ class PhysicsConfig(Settings):
     """Settings of the fit to a video and of the simulation that continues it.
 
     The errors of states follow from the detections between two collisions. Noise levels were set on left-out scenes of `train`;
-    `python benchmarks/continued.py` compares them.
+    `python -m benchmarks.dynamics … --cut` compares them.
 
     Attributes:
         runs: number of simulations of each rollout; the first is not perturbed.

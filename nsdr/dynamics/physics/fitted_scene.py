@@ -48,7 +48,7 @@ MAX_POSITION_ERROR_WORLD, MAX_VELOCITY_ERROR_WORLD_PER_S = 0.05, 0.4
 """Largest errors of the position and velocity of a stretch (world units, world units/s)."""
 VELOCITY_ERROR_WORLD_PER_S = 0.02
 """Standard deviation of each component of the observed velocities (world units/s), rounded: 95 % of the errors of speeds are
-within 1.645 standard deviations (`python benchmarks/extensions.py DATA PROPOSALS --scenes 70 --errors`)."""
+within 1.645 standard deviations (`python -m benchmarks.extensions DATA PROPOSALS --scenes 70 --errors`)."""
 CLOSENESS_WORLD = 0.4
 """Length scale of the closest approach in the score that orders pairs that collide in equally many runs (world units)."""
 

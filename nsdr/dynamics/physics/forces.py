@@ -33,7 +33,7 @@ GIVEN_GAP_WORLD = 0.003
 """Gap at which bodies with a given rebound make contact: the mean gap under Bullet's rule at usual speeds (world units)."""
 WALLS_REBOUND, WALLS_SLOPE = 0.26, 0.30
 """Rebound of two objects with upright walls: `WALLS_REBOUND` + `WALLS_SLOPE` times the rebound by Bullet's rule. Rebounds are
-ratios of separation speed to approach speed. Measured by `python benchmarks/rebounds.py`."""
+ratios of separation speed to approach speed. Measured by `python -m benchmarks.rebounds`."""
 
 
 @cached_njit

@@ -27,7 +27,7 @@ MULTIPLIERS = 10
 DATA_ERROR_SCALE = 5.0
 """Factor by which the errors of the data are effectively larger than the fit assumes, because they are correlated between
 neighbouring frames and the simulator is not exact. Chosen so that about 95 % of the errors of fitted mass ratios are within
-1.645 standard deviations: `python benchmarks/extensions.py DATA PROPOSALS --scenes 70 --errors`."""
+1.645 standard deviations: `python -m benchmarks.extensions DATA PROPOSALS --scenes 70 --errors`."""
 MAX_COST = 1.0
 """A fit with a higher cost does not explain the video, so its masses are not used. Set on the videos of `DATA_ERROR_SCALE`,
 where 63 of 70 fits cost less; without a limit (`inf`) the command prints 2.4 standard deviations instead of 1.6."""

@@ -163,7 +163,7 @@ def best_fit(image: FloatArray, expected: Sequence[FloatArray]) -> tuple[GroundF
 def references() -> dict[str, FloatArray]:
     """(32, 48, 3) images of CLEVRER's scene without objects, by renderer: "clevrer" and "preview".
 
-    `python benchmarks/video_check.py --references CLIPS` made them: the median over time and over clips rendered by us with
+    `python -m benchmarks.videos references CLIPS` made them: the median over time and over clips rendered by us with
     Blender (500000-500005), and an image of the preview renderer.
     """
     with (resources.files("nsdr.frame_parser.check") / "empty_scenes.npz").open("rb") as file, np.load(file) as stored:

@@ -42,7 +42,7 @@ SPACING_FRAMES = 2
 NOISE_SPACING_PX = 3
 """Every third row and column is looked at for noise, which saves time."""
 
-# The following values lie between the kinds of video that `python benchmarks/video_check.py CLIPS` prints with their figures.
+# The following values lie between the kinds of video that `python -m benchmarks.videos check CLIPS` prints with their figures.
 MAX_GROUND_DISTANCE, FOREIGN_GROUND_DISTANCE = 0.48, 1.0
 """`GroundFit.distance` up to which the ground is CLEVRER's, and above which it certainly is not."""
 MIN_COLOR, FOREIGN_COLOR = 0.75, 0.5
@@ -66,7 +66,7 @@ MAX_MARKED_PX = 200
 """`marked_px` of an image without captions and logos."""
 MAX_EDGE_PX = 2.05
 """`edge_width_px` up to which words are read well enough to judge changes of them: 1.4 to 1.7 in CLEVRER's videos, up to 2.0
-blurred by a pixel, 2.1 and more at 128x86 or blurred by 2 pixels (`python benchmarks/judge_inputs.py CLIPS`)."""
+blurred by a pixel, 2.1 and more at 128x86 or blurred by 2 pixels (`python -m benchmarks.videos judge CLIPS`)."""
 SMOOTHING_PX, EDGE_QUANTILE, EDGE_SPACING = 1.5, 0.99, 4
 """Edges are measured after so much smoothing, against blocks and noise (pixels of 480x320), where the image changes most, in
 every fourth frame that is looked at."""

@@ -20,7 +20,7 @@ MIN_CHANGE = 0.02
 """Share of pixels that change at a cut at least. Where a clip of CLEVRER's begins again, 0.04 to 0.2 change."""
 JUMP = 5.0
 """At a cut, at least so many times as many pixels change as between the frames before and between those after it.
-`python benchmarks/video_check.py --cuts CLIPS` prints the largest such ratio within clips: 1.3 at 25 frames a second, up to 3.9
+`python -m benchmarks.videos cuts CLIPS` prints the largest such ratio within clips: 1.3 at 25 frames a second, up to 3.9
 where frames were left out or repeated unevenly."""
 
 

@@ -39,7 +39,7 @@ METAL_ROUGH, METAL_SHARP = 0.447, 0.1
 METAL_SHARP_SHARE = 0.6
 """Share of metal's sharper gloss."""
 RUBBER_MATT = 0.9
-"""Share of light that rubber scatters; with more, rubber is brighter than Blender's (`python benchmarks/preview.py`)."""
+"""Share of light that rubber scatters; with more, rubber is brighter than Blender's (`python -m benchmarks.generate`)."""
 MIN_COS = 0.25
 """Smallest cosine between view and surface in the formulas for gloss. Smaller ones make bright lines where a rounded edge turns
 away from the camera; really round outlines would hide these lines, but the outlines here are sharp."""

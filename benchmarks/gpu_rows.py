@@ -1,6 +1,8 @@
-"""Each part's results on a GPU beside the CPU's, for `benchmarks/gpu.py`; and the setting that its rows are measured in."""
+"""The rows of `benchmarks.gpu`: results and trainings on a GPU beside the CPU's, and frames per second."""
 
+import json
 import random
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -10,28 +12,40 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
+from unittest.mock import patch
 
 import numpy as np
+import torch
+from accelerate.utils import send_to_device
 from filelock import FileLock
 from pycocotools import mask as rle
+from torch import nn
 
-from nsdr import Answer, DynamicsPrediction, Pipeline, VideoProposals
-from nsdr.baselines.trained import TrainedBaseline
+from benchmarks.shared import load_default
+from nsdr import Answer, Pipeline, VideoProposals
+from nsdr.baselines.base import BASELINES
+from nsdr.baselines.features.files import KINDS
 from nsdr.clevrer.dataset import CLEVRER, Split
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.files.questions import read_questions
-from nsdr.dynamics.base import VideoPixels
 from nsdr.dynamics.collisions.network import TrackCollisionDetector
-from nsdr.dynamics.motion_states import states_from_tracks
-from nsdr.dynamics.registry import load_backend
+from nsdr.dynamics.motion_states import VideoPixels, states_from_tracks
 from nsdr.frame_parser.parser import FrameParser
-from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.video import read_frames
 from nsdr.language.texts import TEXT_KINDS, sample
 from nsdr.pipeline import PipelineConfig
-from nsdr.question_parser.grammar import GrammarParser
 from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
+from nsdr.training.baselines import BaselineTask, BaselineTraining
+from nsdr.training.collisions import CollisionTask, CollisionTraining
+from nsdr.training.dynamics import StateModelTask
+from nsdr.training.frame_parser import FrameParserTask, FrameParserTraining
+from nsdr.training.loop import LoopConfig, Task, train
+from nsdr.training.patch_dynamics import ImageModelTask, PatchModelTask
+from nsdr.training.question_parser import QuestionParserTask, QuestionParserTraining
+from nsdr.training.run_folder import parse_training
+from nsdr.training.track_task import DynamicsTraining
+from nsdr.types import Rollout
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 SIMULATED = "simulated"
@@ -41,7 +55,16 @@ MASK_IOU = 0.95
 """Smallest intersection over union of a mask and the CPU's (0-1)."""
 PROBABILITY = 1e-3
 """Largest difference of a collision's probability from the CPU's."""
-
+LOSS, SAMPLED_LOSS = 0.01, 0.05
+"""Largest relative difference of a loss from the CPU's; the larger one for the frame parser, which samples regions by scores
+that differ by rounding."""
+RESUMED_LOSS = 1e-3
+"""Largest relative difference of the losses of two runs on one device: some sums have no fixed order on CUDA."""
+SMALL_LOSS = 0.01
+"""Differences of losses below this are relative to it."""
+STEPS = 4
+"""Steps of a resumed run."""
+RANDPERM = torch.randperm
 Result = tuple[str, bool]
 """What was found, and whether it is as expected."""
 T = TypeVar("T")
@@ -105,14 +128,14 @@ class Setting:
         return CLEVRER(self.data() / "set").split("train")
 
 
-def nsdr(*arguments: Any, launcher: Sequence[str] = (), watch: Callable[[], None] | None = None) -> None:
+def nsdr(*arguments: Any, watch: Callable[[], None] | None = None) -> None:
     """Run a command; `watch` is called ten times a second meanwhile.
 
     Raises:
         RuntimeError: it failed; with the last line that it wrote.
     """
     with tempfile.TemporaryFile("w+") as written:
-        command = [sys.executable, *launcher, "-m", "nsdr.cli.main", *map(str, arguments)]
+        command = [sys.executable, "-m", "nsdr.cli.main", *map(str, arguments)]
         process = subprocess.Popen(command, stdout=written, stderr=written)
         while process.poll() is None:
             time.sleep(0.1)
@@ -182,20 +205,19 @@ def collision_network(setting: Setting) -> Result:
 
 def dynamics(setting: Setting, name: str) -> Result:
     """Rollouts of a backend."""
-    split = setting.videos()
+    split, backend = setting.videos(), load_default(name)
     tracks = {i: track(split.proposals(i)) for i in [*split.entries("videos")][: 1 if setting.small else None]}
-    backend: Any = load_backend(find_checkpoint(), name)
 
-    def predictions() -> list[DynamicsPrediction]:
-        if name != "paper_images":
-            return [backend.predict(of_video) for of_video in tracks.values()]
-        pixels = {i: VideoPixels(read_frames(split.video(i)), split.proposals(i)) for i in tracks}
-        return [backend.predict(of_video, None, pixels[i]) for i, of_video in tracks.items()]
+    def rollouts() -> list[Rollout]:
+        found = []
+        for i, of_video in tracks.items():
+            is_seen = name == "paper_images"
+            pixels = VideoPixels(read_frames(split.video(i)), split.proposals(i), of_video) if is_seen else None
+            prediction = backend.explain(states_from_tracks(of_video, pixels)).prediction
+            found += [prediction.observed, *prediction.counterfactual.values()]
+        return found
 
-    both = (
-        [r for p in of for r in (p.observed, *p.counterfactual.values())] for of in setting.both(backend, predictions)
-    )
-    pairs = [*zip(*both, strict=True)]
+    pairs = [*zip(*setting.both(backend, rollouts), strict=True)]
     differing = sum(a.collisions != b.collisions for a, b in pairs)
     apart = max(float(np.nanmax(abs(a.location_world - b.location_world))) for a, b in pairs)
     return f"collisions differ in {differing} of {len(pairs)} rollouts; positions within {apart:.1g}", not differing
@@ -212,20 +234,113 @@ def pipeline(setting: Setting) -> Result:
         return same_answers([moved.answer(VIDEO, *question) for question in asked], expected)
 
 
-def baseline(setting: Setting, name: str) -> Result:
-    """Answers of a baseline that ships; the programs that it needs are parsed by rules."""
-    split = setting.videos()
-    system = TrainedBaseline.from_pretrained(f"baselines/{name}", device="cpu")
-    index = min(split.entries("videos"))
-    source = split.video(index) if name.startswith("pixels") else split.path("annotations", index)
-    parser = GrammarParser()
-    texts = ("How many collisions happen?", "What is the shape of the first object to enter the scene?")
-    return same_answers(*setting.both(system, lambda: [system.answer(source, text, parser=parser) for text in texts]))
-
-
 def same_answers(found: Sequence[Answer], expected: Sequence[Answer]) -> Result:
     """Whether the answers, and those to the choices, are the same."""
     pairs = [*zip(*([x for a in answers for x in (a.choices or (a,))] for answers in (found, expected)), strict=True)]
     differing = sum(a.answer != b.answer for a, b in pairs)
     apart = max(abs((a.probability or 0) - (b.probability or 0)) for a, b in pairs)
     return f"{differing} of {len(pairs)} answers differ; probabilities within {apart:.1g}", not differing
+
+
+def trainings() -> dict[str, list[str]]:
+    """Part, configuration and other arguments of `nsdr train`; DATA stands for the folder of `Setting.data`."""
+    motion = "--proposals DATA/motion/proposals.npz --truth DATA/motion/truth.json.gz --evaluation_scenes 1"
+    lines = {
+        "frame-parser": "frame-parser frame_parser/default --frames DATA/frames --evaluation_frames 2",
+        "collisions": f"collisions dynamics/collisions {motion}",
+        "question-parser": "question-parser question_parser/default --evaluation_texts 4",
+        "dynamics on states": f"dynamics dynamics/state {motion}",
+        "dynamics on masks": f"dynamics dynamics/paper_fast {motion}",
+        "dynamics on images": "dynamics dynamics/paper --data DATA/set --evaluation_scenes 1",
+    }
+    questions = "--questions DATA/set/questions/train.json --validation DATA/set/questions/train.json --plain_steps 0"
+    for name in BASELINES.names():
+        features = "--features DATA/features" if BASELINES[name].needs & set(KINDS) else ""
+        lines[f"baseline {name}"] = f"baseline baselines/small/{name} {questions} {features}"
+    return {name: line.split() for name, line in lines.items()}
+
+
+def arguments_of(setting: Setting, name: str, folder: Path, steps: int) -> list[str]:
+    """Arguments of `nsdr train` for a few steps in an empty folder, with a checkpoint in the middle."""
+    shutil.rmtree(folder, ignore_errors=True)
+    part, config, *rest = trainings()[name]
+    data = str(setting.data()) if any("DATA" in argument for argument in rest) else ""
+    loop = f"--loop.steps {steps} --loop.save_every {steps // 2} --loop.log_every 1 --loop.evaluate_every 0"
+    loop += " --loop.batch_size 2" if setting.small else ""
+    where = ["--run_dir", str(folder), "--loop.device", setting.real, *loop.split()]
+    return [part, "--config", f"{CONFIGS}/{config}.yaml", *(x.replace("DATA", data) for x in rest), *where]
+
+
+def task_of(arguments: Sequence[str]) -> tuple[Task, LoopConfig]:
+    """What `nsdr train` with these arguments trains, and how."""
+    of_network: dict[str, Callable[[DynamicsTraining], Task]]
+    of_network = {"state": StateModelTask, "paper": PatchModelTask, "paper_images": ImageModelTask}
+    kinds: dict[str, tuple[type[Any], Callable[[Any], Task]]] = {
+        "frame-parser": (FrameParserTraining, FrameParserTask),
+        "collisions": (CollisionTraining, CollisionTask),
+        "question-parser": (QuestionParserTraining, QuestionParserTask),
+        "dynamics": (DynamicsTraining, lambda config: of_network[config.network](config)),
+        "baseline": (BaselineTraining, BaselineTask),
+    }
+    part, *options = arguments
+    kind, make = kinds[part]
+    config = parse_training(kind, options, part)
+    return make(config), config.loop
+
+
+def one_step(setting: Setting, name: str) -> Result:
+    """Losses before and after a step in float32, without dropout."""
+    task, loop = task_of(arguments_of(setting, name, setting.work / "step" / name.replace(" ", "_"), STEPS))
+    for module in task.model.modules():
+        if isinstance(module, nn.Dropout):
+            module.p = 0.0
+        if isinstance(module, nn.RNNBase):
+            module.dropout = 0.0
+    start = {key: value.clone() for key, value in task.model.state_dict().items()}
+    batch = task.collate(task.draw(loop.batch_size, np.random.default_rng(0), 0))
+
+    def losses(device: str) -> list[float]:
+        model, moved, found = task.model.to(device).train(), send_to_device(batch, device), list[float]()
+        optimizer = torch.optim.AdamW(model.parameters(), 1e-4)
+        for _ in range(2):
+            # The frame parser's samples are drawn on the device, whose random numbers are others.
+            with patch("torch.randperm", lambda n, device=None, **_: RANDPERM(n).to(device)):
+                torch.manual_seed(0)
+                means = [term.total / term.items for term in task.losses(model, moved).values()]
+            total = torch.stack(means).sum()
+            optimizer.zero_grad()
+            total.backward()
+            optimizer.step()
+            found.append(total.item())
+        return found
+
+    expected = losses("cpu")
+    task.model.load_state_dict(start)
+    with setting.there() as device:
+        found = losses(device)
+    apart = most_apart(found, expected)
+    text = f"losses {found[0]:.4g} and {found[1]:.4g}, within {apart:.1g} of the CPU's"
+    return text, apart <= (SAMPLED_LOSS if name == "frame-parser" else LOSS)
+
+
+def most_apart(found: Sequence[float], expected: Sequence[float]) -> float:
+    """The largest difference, relative to the loss or to `SMALL_LOSS`."""
+    return max(abs(a - b) / max(abs(b), SMALL_LOSS) for a, b in zip(found, expected, strict=True))
+
+
+def resumed(setting: Setting, name: str) -> Result:
+    """Losses of a run that goes on from the checkpoint in its middle, beside those of the uninterrupted one."""
+    folder = setting.work / "resumed" / name.replace(" ", "_")
+    arguments = arguments_of(setting, name, folder, STEPS)
+
+    def run() -> list[float]:
+        task, loop = task_of(arguments)
+        train(task, loop, folder, {})
+        lines = (folder / "metrics.jsonl").read_text().splitlines()
+        return [json.loads(line)["loss"] for line in lines]
+
+    expected = run()
+    for path in folder.glob(f"step_{STEPS:07d}.*"):
+        path.unlink()
+    apart = most_apart(run(), expected)
+    return f"losses of {STEPS} steps within {apart:.1g}", apart <= RESUMED_LOSS
