@@ -86,7 +86,7 @@ def released_statistics() -> Counts:
 
 
 def count_questions(scenes: Iterable[SceneQuestions]) -> Counts:
-    """The counts of `RELEASED_QUESTIONS`, those of the answers to each descriptive subtype, and those of tagged options."""
+    """Counts as in `RELEASED_QUESTIONS`, of the answers to each descriptive subtype, and of tagged options."""
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for question in (q for scene in scenes for q in scene.questions):
         counts["questions by kind"][question.subtype or question.type] += 1
@@ -105,7 +105,7 @@ def count_questions(scenes: Iterable[SceneQuestions]) -> Counts:
 
 
 def write_statistics(folder: str | Path, counts: Counts, title: str) -> None:
-    """Write `statistics.md`: `count_scenes` of a data set next to the release's."""
+    """Write `statistics.md`: `count_scenes` of a data set beside that of the release."""
     released = released_statistics()
     lines = [f"# {title}", "", "Shares in percent, this data set / the release (12,228 videos).", ""]
     for name in (name for name in TITLES if name in counts):
@@ -114,7 +114,7 @@ def write_statistics(folder: str | Path, counts: Counts, title: str) -> None:
 
 
 def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions]) -> None:
-    """Write `STEM.statistics.md`: `count_questions` next to the release's, and what a question's type alone tells."""
+    """Write `STEM.statistics.md`: `count_questions` beside that of the release, and the accuracy from question types alone."""
     lines = [f"# Questions on {len(scenes)} videos", ""]
     for name, values in count_questions(scenes).items():
         lines += _table(f"{name.capitalize()} (%)", values, RELEASED_QUESTIONS.get(name, {}))
@@ -140,7 +140,7 @@ def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions]
 
 
 def _accuracy(value: Any, scale: float) -> str:
-    """An accuracy, or those per option and per question, as text."""
+    """An accuracy, or a pair of accuracies per option and per question, as text."""
     values = value if isinstance(value, tuple) else (value,)
     return "-" if value is None else "/".join(f"{scale * v:.1f}" for v in values)
 

@@ -1,1 +1,1 @@
-"""The nine systems of the paper's Table 2 that are trained, and what they share."""
+"""The nine trained systems of the paper's Table 2, and the layers that they share."""

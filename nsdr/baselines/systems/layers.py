@@ -1,8 +1,8 @@
 """Layers that several baselines share: encoders of texts, objects and feature maps, the answer head, masked attention.
 
-The papers' networks see features of single frames and have to find motion and contact by attending to several of them, which
-they do not learn from as few texts as can be read here. `ObjectEncoder` and `MapEncoder` see both. They are computed once for a
-video, whatever is asked about it.
+The papers' networks see features of single frames, and have to find motion and contact by attending to several frames. They do
+not learn this from as few texts as are used here. `ObjectEncoder` and `MapEncoder` see motion and contact. They run once for
+each video, however many questions are asked about it.
 """
 
 import math
@@ -22,26 +22,26 @@ from nsdr.validation import MAX_SIZE
 LONGEST_PERIOD = 10_000.0
 """Longest wavelength of the encoding of time, over 2 pi (Vaswani et al. 2017)."""
 Width = Annotated[int, Meta(ge=2, le=MAX_SIZE)]
-"""Width of the states of two directions; an odd one is rounded down."""
+"""Total width of the states of both directions of an LSTM; odd widths are rounded down."""
 
 
 VIDEO_LAYERS = 2
 """Layers of `ObjectEncoder` and `MapEncoder`."""
 WAVES = tuple(math.pi * 2**k for k in range(6))
-"""Frequencies by which boxes are encoded, so that small changes are seen (per share of the image)."""
+"""Frequencies with which boxes are encoded, so that small changes are visible (radians per width or height of the image)."""
 OBJECT_FRAMES = 5
-"""Frames that a layer of `ObjectEncoder` sees at once."""
+"""Number of successive frames that a layer of `ObjectEncoder` sees."""
 FRAME_STEP = 2
-"""`ObjectEncoder` gives one of so many frames: attention to all takes twice as long and finds no more."""
+"""`ObjectEncoder` returns every second frame: attention to all takes twice as long and finds no more."""
 
 
 class EncodedText(NamedTuple):
     """B texts of up to T words.
 
     Attributes:
-        states: (B, T, H) the LSTM's states, zeros where there is padding.
-        summary: (B, H) the last state of the last layer, of each direction.
-        mask: (B, T) bool, False where there is padding.
+        states: (B, T, H) the states of the LSTM; zeros at padding.
+        summary: (B, H) the last states of the last layer in both directions.
+        mask: (B, T) bool, False at padding.
     """
 
     states: Tensor
@@ -50,7 +50,7 @@ class EncodedText(NamedTuple):
 
 
 class TextEncoder(nn.Module):
-    """Word embeddings and an LSTM of two directions, whose states do not depend on padding.
+    """Word embeddings and a bidirectional LSTM whose states do not depend on padding.
 
     Args:
         words: number of word indices; `PAD` is one of them.
@@ -82,7 +82,7 @@ class TextEncoder(nn.Module):
 
 
 class AnswerHead(nn.Sequential):
-    """Features (B, inputs) -> scores (B, answers) by a network with one hidden layer; dropout is before both layers."""
+    """Features (B, inputs) -> scores (B, answers): a network with one hidden layer, with dropout before both layers."""
 
     def __init__(self, inputs: int, hidden: int, answers: int, dropout: float = 0.0) -> None:
         layers = (nn.Linear(inputs, hidden), nn.ReLU(), nn.Dropout(dropout), nn.Linear(hidden, answers))
@@ -90,12 +90,12 @@ class AnswerHead(nn.Sequential):
 
 
 def initialise(network: nn.Module, weights: Callable[[Tensor], Tensor]) -> None:
-    """Draw the weights of all linear and convolution layers anew, and set their biases to 0.
+    """Initialise the weights of all linear and convolution layers, and set their biases to 0.
 
     Args:
         network: its layers are changed in place; embeddings and LSTMs keep PyTorch's initialisation.
         weights: fills a tensor of weights, such as `torch.nn.init.xavier_uniform_`. PyTorch's default for these layers
-            shrinks the signal with each of them: the scores of a deep network hardly differ from video to video at first.
+            shrinks the signal in each of them, so that at first a deep network gives almost the same scores to all videos.
     """
     for layer in network.modules():
         if isinstance(layer, nn.Linear | nn.Conv2d):
@@ -105,13 +105,13 @@ def initialise(network: nn.Module, weights: Callable[[Tensor], Tensor]) -> None:
 
 
 def masked_softmax(scores: Tensor, mask: Tensor) -> Tensor:
-    """Weights (..., K) of K items by their scores (..., K); 0 for those whose mask (..., K) is False, even for all."""
+    """Softmax (..., K) of the scores (..., K) of K items; 0 where the mask (..., K) is False, even if it is False for all."""
     weights = scores.masked_fill(~mask, torch.finfo(scores.dtype).min).softmax(-1)
     return weights * mask
 
 
 def time_encoding(frames: int, width: int, like: Tensor) -> Tensor:
-    """Sines and cosines (frames, width) of each frame's index, with wavelengths from 2 pi frames on (Vaswani et al. 2017).
+    """Sines and cosines (frames, width) of the index of each frame, with wavelengths of at least 2 pi (Vaswani et al. 2017).
 
     The result has the device and number format of `like` (of any shape).
     """
@@ -122,10 +122,10 @@ def time_encoding(frames: int, width: int, like: Tensor) -> Tensor:
 
 
 class ObjectEncoder(nn.Module):
-    """Objects (V, F, N, C) in the light of their own motion and of the other objects.
+    """Encodes objects (V, F, N, C) together with their motion and their relation to the other objects.
 
     Args:
-        inputs: numbers C of an object in a frame.
+        inputs: number C of features of an object in a frame.
         width: width W of the encoding.
         dropout: dropout of the inputs, in training (0-1).
     """
@@ -141,7 +141,7 @@ class ObjectEncoder(nn.Module):
         self.last = nn.LayerNorm(width)
 
     def forward(self, objects: Tensor, has_object: Tensor) -> tuple[Tensor, Tensor]:
-        """Encodings (V, K, W) of the objects of every second frame, in the order of the frames, and which are there (V, K).
+        """Encodings (V, K, W) of the objects in every second frame, in the order of the frames; and which of them exist (V, K).
 
         Args:
             objects: (V, F, N, C), each object in the same place in all frames.
@@ -158,7 +158,7 @@ class ObjectEncoder(nn.Module):
 
 
 class _ObjectLayer(nn.Module):
-    """Adds to each object what a convolution over time and the maximum over its pairs with others find."""
+    """Adds the results of a convolution over time, and of the maximum over pairs with other objects, to each object."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -206,11 +206,11 @@ class TimeConv(nn.Module):
 
 
 class MapEncoder(nn.Module):
-    """Feature maps in the light of the places around, in space and in time; three more channels hold the coordinates.
+    """Encodes feature maps together with their neighbourhood in space and time; three more channels hold the coordinates.
 
-    Each channel is standardised first (batch normalisation): an object fills few cells, and its features would be small beside
-    the coordinates. Without it TbD-net learnt nothing of 128,000 texts about features of the truth. Each of several
-    processes standardises by its own batch.
+    Each channel is standardised first (batch normalisation): an object fills few cells, so its features would be small compared
+    with the coordinates. Without this, TbD-net learnt nothing from 128,000 texts with features of the truth. If several
+    processes train, each standardises by its own batch.
 
     Args:
         channels: channels C of the maps.

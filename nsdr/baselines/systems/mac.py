@@ -1,18 +1,19 @@
-"""MAC (V) and MAC (V+): recurrent cells that attend to the words, then to the frames and their parts, and write to a memory.
+"""MAC (V) and MAC (V+): recurrent cells that attend to words, then to frames and their parts, and write to a memory.
 
 Source: Hudson & Manning 2018, "Compositional attention networks for machine reasoning" (MAC), and Yi et al. 2020, "CLEVRER:
 Collision Events for Video Representation and Reasoning", which adds a temporal attention unit over the frames (V) and object
 information (V+).
 
 Differs from the paper:
-    - The temporal attention unit scores the maximum over each frame's cells as MAC's read unit scores cells, anew in each step.
-      Its weights sum the frames to one map, which the read unit attends to. Yi et al. do not describe their unit further.
-    - Features are those of `ObjectEncoder` and `MapEncoder`, which see motion and contact; in MAC, of two convolutions over one
-      image. Sines and cosines of the frame's index are added, so that the network can tell the order of the frames.
+    - In each step, the temporal attention unit scores the maximum over each frame's cells, as MAC's read unit scores cells. The
+      read unit attends to the weighted sum of the frames, which is one map. Yi et al. do not describe their unit further.
+    - Features are those of `ObjectEncoder` and `MapEncoder`, which see motion and contact; in MAC, they come from two
+      convolutions over one image. Sines and cosines of the frame's index are added, so that the network can tell the order of
+      the frames.
     - MAC (V+) reads detected objects (features and box) of all frames at once instead of feature maps. Yi et al. do not say
       in enough detail how they give object information to the network. The frame parser's attributes are not given.
-    - One rate of dropout for the words, the features, the memory that is read and the answer, where MAC has one each. Dropout
-      of the memory is drawn anew in each step.
+    - Words, features, the memory that is read and the answer have the same rate of dropout; in MAC, each has its own.
+      Dropout of the memory is drawn anew in each step.
     - The write unit has neither of MAC's optional parts: self-attention to earlier memories, and a gate.
     - Linear and convolution layers start from Xavier's weights, as in MAC's code as far as we know; LSTMs from PyTorch's.
     - Word embeddings are learnt with the network; none are trained beforehand.
@@ -115,14 +116,14 @@ class MacObjects(Baseline):
 
 
 def _weighted(weights: Tensor, items: Tensor) -> Tensor:
-    """Sum (B, W) of items (B, K, W) with weights (B, K)."""
+    """Weighted sum (B, W) of items (B, K, W), with weights (B, K)."""
     return torch.bmm(weights[:, None], items)[:, 0]
 
 
 def _of_videos(weights: Tensor, items: Tensor, video: Tensor) -> Tensor:
-    """Sum (B, W) of the items (V, K, W) of each text's video (B,), with weights (B, K).
+    """Weighted sum (B, W) of the items (V, K, W) of each text's video (B,), with weights (B, K).
 
-    One product for each video: copies of the items for every text take most of the time on a CPU.
+    There is one product for each video, because copying the items for every text takes most of the time on a CPU.
     """
     found = weights.new_zeros(len(weights), items.shape[2])
     for row, of_video in enumerate(items):
@@ -133,18 +134,18 @@ def _of_videos(weights: Tensor, items: Tensor, video: Tensor) -> Tensor:
 
 
 class _Projected(NamedTuple):
-    """What a read unit needs of its items in every step: `item` and `kept`, both (..., K, W)."""
+    """What a read unit needs to know about its items in every step: `item` and `kept`, both (..., K, W)."""
 
     item: Tensor
     kept: Tensor
 
     def of(self, rows: Tensor) -> "_Projected":
-        """Those of some rows (B,) of the first axis."""
+        """The same for the given rows (B,) of the first axis."""
         return _Projected(self.item[rows], self.kept[rows])
 
 
 class _ReadAttention(nn.Module):
-    """Attention of MAC's read unit: which items fit the control, given the memory."""
+    """The attention of MAC's read unit: which items fit the control, given the memory."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -155,7 +156,8 @@ class _ReadAttention(nn.Module):
         self.score = nn.Linear(width, 1)
 
     def projected(self, items: Tensor) -> _Projected:
-        """Items (..., K, W), as far as they are the same in every step: projected, and their share of the joined features."""
+        """The part of the read unit that is the same in every step, for items (..., K, W): their projection, and what they add
+        to the joined features."""
         return _Projected(self.item(items), F.linear(items, self.join.weight[:, self.width :], self.join.bias))
 
     def forward(self, control: Tensor, memory: Tensor, items: _Projected, mask: Tensor | None = None) -> Tensor:
@@ -167,7 +169,7 @@ class _ReadAttention(nn.Module):
 
 
 class _Reasoning(nn.Module):
-    """The text's encoder, the control and write units, and the answer; what is read comes from outside."""
+    """The text encoder, the control and write units, and the answer head. The caller gives the read unit."""
 
     def __init__(self, config: MacConfig, sizes: Sizes) -> None:
         super().__init__()
@@ -184,7 +186,7 @@ class _Reasoning(nn.Module):
         self.answer = AnswerHead(2 * width, width, sizes.answers, config.dropout)
 
     def forward(self, words: Tensor, read: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
-        """Words (B, T) -> scores (B, answers); `read` gives the (B, W) that is read with control and memory (B, W)."""
+        """Words (B, T) -> scores (B, answers). `read` maps control and memory, both (B, W), to what is read (B, W)."""
         text = self.text(words)
         control, memory = self.first_control.expand(len(words), -1), self.first_memory.expand(len(words), -1)
         for question_of_step in self.question_of_step:

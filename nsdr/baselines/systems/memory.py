@@ -1,4 +1,4 @@
-"""Memory: memories of the video and of the question, and attention that joins both in several steps.
+"""Memory: one memory of the video and one of the question, which attention combines in several steps.
 
 Source: Fan et al. 2019, "Heterogeneous memory enhanced multimodal attention model for video question answering". Yi et al.
 2020, "CLEVRER: Collision Events for Video Representation and Reasoning", use it as a baseline.
@@ -8,8 +8,8 @@ Differs from the paper:
       video clips (C3D).
     - The frames' features are normalised (layer normalisation).
     - The memory attends to its slots with a linear function of the states, and all activations inside of it are tanh.
-    - The answer is computed from the last states of the fusion, the question memory, the video memory and the encoded text by a
-      network with a hidden layer. Without the text it learns no more in our short trainings than how frequent the answers are.
+    - A network with a hidden layer computes the answer from the last states of the fusion, of the question memory, of the video
+      memory and of the encoded text. Without the text it learns only how frequent the answers are in our short trainings.
     - Linear layers start from Xavier's weights.
     - Word embeddings are learnt with the network; none are trained beforehand.
     - Yi et al. do not state the sizes; those here are ours, with three steps of fusion.
@@ -126,7 +126,7 @@ class _Memory(nn.Module):
         self.memory_state = nn.Linear(2 * width, width)
 
     def forward(self, inputs: Tensor, mask: Tensor) -> Tensor:
-        """Inputs (R, T, S, W), mask (R, T) -> the memory's state (R, T, W) after each step; masked steps do not change it."""
+        """Inputs (R, T, S, W), mask (R, T) -> state (R, T, W) of the memory after each step; masked steps do not change it."""
         rows, steps, _, width = inputs.shape
         slots = inputs.new_zeros(rows, self.slots, width)
         state = inputs.new_zeros(rows, width)

@@ -1,4 +1,4 @@
-"""IEP (V) and TbD-net (V): a network whose modules are put together as a text's program says.
+"""IEP (V) and TbD-net (V): networks whose modules are assembled as the program of a text says.
 
 Sources: Johnson et al. 2017, "Inferring and Executing Programs for Visual Reasoning"; Mascharka et al. 2018, "Transparency by
 Design: Closing the Gap Between Performance and Interpretability in Visual Reasoning"; adapted to video as in Yi et al. 2020,
@@ -45,8 +45,8 @@ class ModularConfig(Settings):
 
     Attributes:
         width: channels of the features and of every module.
-        frames: frames left after the mean over neighbouring ones.
-        projection: channels before the classifier's maximum.
+        frames: number of frames after neighbouring frames are averaged.
+        projection: channels before the maximum in the classifier.
         hidden: units of the classifier's hidden layer.
     """
 
@@ -76,7 +76,7 @@ class _Stem(nn.Module):
         self.encode = MapEncoder(channels, config.width)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """See the class. Videos of fewer frames than `frames` have some of them repeated."""
+        """See the class. If a video has fewer frames than `frames`, some are repeated."""
         features = self.encode(maps)  # (V, F, h, w, W)
         pooled = functional.adaptive_avg_pool1d(features.flatten(2).transpose(1, 2), self.frames)
         return pooled.transpose(1, 2).unflatten(2, features.shape[2:])
@@ -99,7 +99,7 @@ class _Classifier(nn.Module):
 
 
 class Modular(Baseline):
-    """Base of both: features of a video, modules run on them as the program says, and a classifier of the program's value."""
+    """Base of both systems: the program runs modules on the features of a video, and a classifier reads the program's value."""
 
     needs: ClassVar[frozenset[str]] = frozenset({"maps", "program"})
     Config: ClassVar[type[Any]] = ModularConfig
@@ -140,8 +140,8 @@ class Modular(Baseline):
 class _Residual(nn.Module):
     """Residual module of one argument, or of two after a 1x1 projection: (N, F, h, w, width) each -> (N, F, h, w, width).
 
-    Its convolutions read normalised values (layer normalisation), and no ReLU follows the sum. As in the paper, without either,
-    values are 100 times as large after 16 untrained modules in a row, and here 5 times.
+    Its convolutions read normalised values (layer normalisation), and no ReLU follows the sum. After 16 untrained modules in a
+    row, values are 5 times as large; without normalisation and with the ReLU, as in the paper, 100 times.
     """
 
     def __init__(self, width: int, arguments: int) -> None:
@@ -157,7 +157,7 @@ class _Residual(nn.Module):
 
 
 class Iep(Modular):
-    """Inferring and executing programs: a residual module per instruction; see the module."""
+    """IEP (Inferring and Executing Programs): one residual module for each instruction."""
 
     def __init__(self, config: ModularConfig, sizes: Sizes) -> None:
         super().__init__(config, sizes)
@@ -171,7 +171,7 @@ class Iep(Modular):
 
 
 class TbdNet(Modular):
-    """Transparency by design: sets, objects, events and frames are masks over time and space, answers are encodings.
+    """TbD-net (Transparency by Design): sets, objects, events and frames are masks over time and space; answers are encodings.
 
     The kinds of module:
         - the whole video: a mask of ones (`objects`, `null`);
@@ -218,10 +218,10 @@ class TbdNet(Modular):
 
 
 class _Bounded(nn.Module):
-    """Activations (N, F, h, w, width) of N videos, those of each with a standard deviation below 1; weak ones stay weak.
+    """Scales the activations (N, F, h, w, width) of each of N videos to a standard deviation below 1. Weak ones stay weak.
 
-    Activations grow in the chain of convolutions of `relate` while it learns: without this the masks of `filter_after` and
-    `filter_ancestor` became 0 everywhere, with logits of -49 and -27 on average, through which nothing is learnt any more.
+    Activations grow in the chain of convolutions of `relate` while it learns. Without this, the masks of `filter_after` and
+    `filter_ancestor` became 0 everywhere, with logits of -49 and -27 on average, so that hardly any gradient reached them.
     """
 
     def forward(self, x: Tensor) -> Tensor:

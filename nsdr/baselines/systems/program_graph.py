@@ -1,8 +1,8 @@
-"""Programs as a graph of network modules, for the baselines that a program assembles (IEP and TbD-net).
+"""Programs as a graph of network modules, for the baselines that are assembled by programs (IEP and TbD-net).
 
-A text's program is the question's, or the option's followed by the question's, whose `belong_to` then joins the two values. A
+The program of a text is the question's, or the option's followed by the question's; then `belong_to` joins the two values. A
 step is an instruction: a module with its attribute or order word, such as "filter_color red". Equal steps about one video are
-one node, so what texts have in common is computed once.
+one node, so what several texts have in common is computed once.
 """
 
 from collections import defaultdict
@@ -21,7 +21,7 @@ from nsdr.symbolic.modules import MODULES, WORDS
 from nsdr.symbolic.program import ANSWER_KINDS, Program
 
 MALFORMED = "malformed"
-"""The instruction without arguments that stands for a program that is cut off, ill-typed, or gives no answer."""
+"""The instruction, without arguments, that stands for a program that is cut off, ill-typed or without an answer."""
 
 
 def _instructions() -> dict[str, int]:
@@ -44,7 +44,7 @@ class Node(NamedTuple):
     Attributes:
         instruction: key of `INSTRUCTIONS`.
         video: row of the video.
-        inputs: indices of the nodes that give the arguments, all of them earlier ones.
+        inputs: indices of the nodes whose values are the arguments; all of them are earlier nodes.
     """
 
     instruction: str
@@ -57,7 +57,7 @@ class ProgramGraph(NamedTuple):
 
     Attributes:
         nodes: every value of any text, once.
-        texts: for each text the indices of its nodes, in the program's order; the last one's value is the program's.
+        texts: for each text, the indices of its nodes in the program's order; the last node has the value of the program.
     """
 
     nodes: list[Node]
@@ -87,12 +87,12 @@ Run = Callable[[str, Tensor, list[Tensor]], Tensor]
 
 
 def execute(graph: ProgramGraph, run: Run, device: torch.device) -> list[Tensor]:
-    """The value (F, h, w, channels) of every node: level by level, all nodes of one instruction in one call.
+    """Compute the value (F, h, w, channels) of every node, level by level: all nodes with one instruction in one call.
 
     Args:
         graph: the programs.
         run: the network's modules.
-        device: where the rows of the videos are wanted.
+        device: the device of the indices that are given to `run`.
     """
     levels: list[int] = []
     groups: dict[tuple[int, str], list[int]] = defaultdict(list)
@@ -111,7 +111,7 @@ def execute(graph: ProgramGraph, run: Run, device: torch.device) -> list[Tensor]
 
 @lru_cache(maxsize=1 << 16)
 def _steps(tokens: tuple[int, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
-    """Instructions of a text's program with the steps of their arguments; one `MALFORMED` for what is no program."""
+    """The instructions of a text's program, each with the steps of its arguments; `MALFORMED` alone if there is no program."""
     try:
         program = _program(tokens)
     except ProgramError:

@@ -1,4 +1,4 @@
-"""TVQA+: each word of the question attends to the detected objects of all frames; the maximum over the words is the answer's.
+"""TVQA+: each word of the question attends to the detected objects in all frames; the answer depends on the maximum over words.
 
 Source: Yi et al. 2020, "CLEVRER: Collision Events for Video Representation and Reasoning", whose TVQA+ is a network by Lei et
 al. with object features of a video frame parser. That words attend to objects is from Lei et al. 2020, "TVQA+: Spatio-temporal
@@ -49,7 +49,7 @@ class TvqaConfig(Settings):
 
 
 class TvqaPlus(Baseline):
-    """Each word is fused with the objects that fit it; the answer is made of the maximum over the words."""
+    """Fuses each word with the objects that fit it; the answer head reads the maximum over the words."""
 
     needs = frozenset({"objects"})
     Config = TvqaConfig

@@ -1,4 +1,4 @@
-"""All questions that can be asked about a scene: every meaning of the grammar that has an answer in it."""
+"""All questions that can be asked about a scene: everything the grammar can express that has an answer in the scene."""
 
 import random
 import re
@@ -31,27 +31,27 @@ DESCRIPTION_WEIGHTS = {
     ("material", "shape"): 1.0,
     ("color", "material", "shape"): 0.2,
 }
-"""Relative frequency of each set of attributes in descriptions of a single object; close to the released questions."""
+"""Relative frequency of each set of attributes in descriptions of a single object, close to the released questions."""
 ABSENT_CLASSES = 4
 """Number of classes without objects that each scene's questions mention ("Are there any green cubes that …?"), fewer where
 there are objects of most classes."""
 PLAIN_TRIES = 10
-"""Questions that are drawn for each that is wanted, of which many have no answer, or a frequent one."""
+"""Questions drawn for each question that is wanted: many have no answer, or one that is too frequent."""
 PLAIN_SAME_ANSWER = 0.25
-"""Largest share of a scene's questions with the same ending and answer."""
+"""Largest share of a scene's plain questions with the same last program token and the same answer."""
 PLAIN_WITH_TIME = 0.3
-"""Share of the questions about motion when the video begins or ends."""
+"""Share of the plain questions that are about motion at the start or end of the video."""
 _ATTRIBUTE_WORDS = frozenset(word for known in ATTRIBUTES.values() for word in known)
 _ATTRIBUTE_TOKENS = re.compile(r"\S+ filter_(color|material|shape) ?")
 
 
 def form(asked: Question | Choice) -> str:
-    """The program without attribute words; their filters stay."""
+    """The program without its attribute words, but with their filters."""
     return " ".join(token for token in asked.program or () if token not in _ATTRIBUTE_WORDS)
 
 
 def family(asked: Question | Choice) -> str:
-    """The program without attribute words and their filters."""
+    """The program without its attribute words and without their filters."""
     return _ATTRIBUTE_TOKENS.sub("", " ".join(asked.program or ()))
 
 
@@ -109,14 +109,14 @@ def _attributes(words: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False) -> Iterator[Question]:
-    """All descriptive questions that have an answer in the scene, each in a random wording; their ids are 0.
+    """All descriptive questions that have an answer in the scene, each in a random wording and with the id 0.
 
     Questions about motion are omitted when the scene's `moving` is None.
 
     Args:
         scene: the scene.
         rng: draws the wordings.
-        beyond: ask the questions beyond CLEVRER, about speeds, directions and masses, and not CLEVRER's own.
+        beyond: whether to ask questions beyond CLEVRER, about speeds, directions and masses, instead of CLEVRER's own.
     """
     words, executor = SceneWords(scene, rng), Executor(scene)
     of_clevrer = ["EVENTS", "QUERY"] if scene.moving is None else ["EVENTS", "MOTION", "QUERY"]
@@ -131,7 +131,7 @@ def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False
 
 
 def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[Question]:
-    """All multiple-choice questions with all their options, correct and wrong; all ids are 0.
+    """All multiple-choice questions with all their options, correct and wrong. All ids are 0.
 
     Predictive and counterfactual questions are omitted when the scene lacks that ground truth.
     """
@@ -143,7 +143,7 @@ def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[Ques
 
 
 class _Namer:
-    """Texts and programs about given objects."""
+    """Makes texts and programs about given objects."""
 
     def __init__(self, scene: Scene, rng: random.Random, simulate: Simulate | None = None) -> None:
         self.words, self.rng, self.executor = SceneWords(scene, rng), rng, Executor(scene, simulate=simulate)
@@ -153,12 +153,12 @@ class _Namer:
         return next(clevrer().every(symbol, self.words, self.rng))
 
     def option(self, question: Sequence[str], symbol: str, objects: Sequence[int]) -> Choice:
-        """An option for a question's program, with its correctness."""
+        """An option about given objects, correct or wrong for a question's program."""
         text, program = self(symbol, objects)
         return Choice(0, text, tuple(program), _judged(self.executor, question, program))
 
     def is_unique(self, symbol: str, objects: Sequence[int]) -> bool:
-        """Whether the description fits exactly one event."""
+        """Whether the description of an event fits exactly one event."""
         try:
             self.executor.run(self(symbol, objects)[1])
         except ExecutionError:
@@ -193,7 +193,7 @@ def _explanatory(scene: Scene, rng: random.Random) -> Iterator[Question]:
 
 
 def _both_ways(text: str, program: Sequence[str], kind: str, options: Sequence[Choice]) -> Iterator[Question]:
-    """The question in its affirmative and its negated form; "{}" in the text is where "not" goes."""
+    """Yield the question in its affirmative and its negated form; "not" takes the place of "{}" in the text."""
     yield Question(0, text.format(""), kind, None, tuple(program), None, tuple(options))
     negated = tuple(replace(o, answer="wrong" if o.answer == "correct" else "correct") for o in options)
     yield Question(0, text.format("not "), kind, None, (*program, "negate"), None, negated)
@@ -225,9 +225,9 @@ def changed_questions(scene: Scene, simulate: Simulate, rng: random.Random, n: i
 
     Args:
         scene: the scene.
-        simulate: gives the true collisions with a change.
+        simulate: gives the true collisions after a change.
         rng: draws objects, changes and wordings.
-        n: number of questions; each takes two simulations.
+        n: largest number of questions; each takes two simulations.
     """
     name = _Namer(scene, rng, simulate)
     drawn = [(text, tuple(tokens)) for text, tokens in clevrer().every("CHANGED", name.words, rng)]
@@ -253,7 +253,7 @@ def _shuffled(pair: tuple[int, int], rng: random.Random) -> tuple[int, int]:
 def plain_questions(scene: Scene, rng: random.Random, count: int) -> list[Question]:
     """At most `count` different questions about a scene's objects, such as "How many cubes are there?".
 
-    Networks learn sooner from them. CLEVRER itself has none of those without motion.
+    Networks learn faster from them. CLEVRER itself asks no such questions, except about motion.
     """
     executor, used = Executor(scene), Counter[tuple[str, str]]()
     found: dict[str, Question] = {}
@@ -274,7 +274,7 @@ def plain_questions(scene: Scene, rng: random.Random, count: int) -> list[Questi
 
 
 def _plain_program(scene: Scene, rng: random.Random) -> tuple[str, ...]:
-    """A random program: objects by one or two of an object's attributes, or by a random one; their motion; what is asked."""
+    """A random program: it selects objects by one or two attributes, sometimes also by their motion, and asks about them."""
     ending = rng.choice(["count", "exist", *[f"query_{name}" for name in ATTRIBUTES]])
     names = [name for name in ATTRIBUTES if ending != f"query_{name}"]
     chosen = rng.choice(scene.objects)

@@ -1,4 +1,4 @@
-"""Counterfactual questions with a wanted share of inferential options, those whose outcome the removal changes."""
+"""Selects counterfactual questions with a given share of inferential options: those whose outcome the removal changes."""
 
 import random
 import warnings
@@ -13,34 +13,34 @@ from nsdr.clevrer.files.questions import OPTION_TAGS, Choice, Question
 from nsdr.generate.questions.candidates import is_negated
 
 MAX_OWED = 10.0
-"""Scenes that would move the share away from its target are skipped, and their questions asked about later scenes, until this
-many questions are owed; then the best ones are asked all the same."""
+"""A scene that would move the share away from its target is skipped, and its questions are owed to later scenes. Once this many
+are owed, the best questions are asked anyway."""
 QUESTION_WEIGHT = 2.0
-"""What a question is worth whose number of correct options is off its target, in options off theirs."""
+"""How much a question with too frequent a number of correct options counts, compared with an option that misses its target."""
 MORE_OPTIONS = 1.0
 """What another option of a question is worth, in options off their target: questions keep the release's sizes where they can.
 Of 1 to 10 and 0.1 to 2 on 440 simulated training scenes, these two meet shares of 0.2 and 0.5 within the tolerance, with as
 many correct as wrong options in each half (within 0.5 %) and the fewest questions without a correct one; the statistics of
 `nsdr generate questions --questions.inferential_share 0.5` show all three."""
 CELLS = tuple((tag, answer) for tag in OPTION_TAGS for answer in ("correct", "wrong"))
-"""Kinds of options, (tag, answer): the last axis of all arrays of numbers here."""
+"""Kinds of options, (tag, answer): the last axis of all arrays of counts in this module."""
 CORRECT, INFERENTIAL = [0, 2], [2, 3]
-"""Those of `CELLS` that are correct, and inferential."""
+"""Indices of those `CELLS` that are correct, and of those that are inferential."""
 
 
 class InferentialSelection:
-    """Counts of the counterfactual options selected so far, and the choice of the next question with its options.
+    """Counts the counterfactual options that were selected so far, and chooses the next question with its options.
 
-    Targets: the share of inferential options; as many correct as wrong ones among the inferential and among the observational
-    ones, and with and without "not"; and the release's numbers of correct options.
+    Targets: the share of inferential options; as many correct as wrong options among the inferential ones, among the
+    observational ones, with "not" and without it; and the release's distribution of the number of correct options.
 
     Args:
         share: target share of inferential options.
         correct_shares: target shares of questions by number of correct options.
         n_options: min and max number of options of a question.
         min_wrong: min number of wrong options of a question.
-        tolerance: how far the share may be off its target, beside the options of one question.
-        rng: draws among equals.
+        tolerance: how far the share may miss its target, in addition to the options of one question.
+        rng: chooses between equally good questions.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class InferentialSelection:
     def choose(self, candidates: Sequence[Question], owed: float) -> tuple[Question, list[Choice]] | None:
         """The question that brings the counts closest to their targets, and its options in random order.
 
-        None where no candidate has options enough, or where all lead away from the share and few questions are owed.
+        None if no candidate has enough options, or if all lead away from the share and few questions are owed.
         """
         having = np.array([[[(o.tag, o.answer) for o in q.choices].count(cell) for cell in CELLS] for q in candidates])
         enough = (having[:, None] >= self.permitted).all(2)
@@ -94,7 +94,7 @@ class InferentialSelection:
         return chosen, options
 
     def warn_if_missed(self) -> None:
-        """Warn where the share that was reached is farther from its target than the tolerance and one question's options."""
+        """Warn if the share misses its target by more than the tolerance and the options of one question."""
         total, reached = self.selected.sum(), self.selected[INFERENTIAL].sum()
         if total and self._missed(self.selected) <= self._allowed(self.selected):
             return
@@ -106,7 +106,7 @@ class InferentialSelection:
         )
 
     def _distances(self, negated: bool) -> NDArray[np.floating[Any]]:
-        """Distances of all counts from their targets, in options, if a question with `permitted` options is added."""
+        """By how many options all counts miss their targets after a question with the options in each row of `permitted`."""
         selected, added = self.selected + self.permitted, self.permitted.sum(1)
         total, correct = selected.sum(1), self.permitted[:, CORRECT].sum(1)
         halves = np.array([1 - self.share, 1 - self.share, self.share, self.share]) / 2
@@ -120,12 +120,12 @@ class InferentialSelection:
         return np.asarray(distances)
 
     def _leads_away(self, numbers: NDArray[np.int_]) -> bool:
-        """Whether these options bring the share farther from its target, and beyond the tolerance."""
+        """Whether these options would move the share farther from its target, and beyond the tolerance."""
         selected = self.selected + numbers
         return bool(self._missed(selected) > max(self._missed(self.selected), self._allowed(selected)))
 
     def _missed(self, selected: NDArray[np.int_]) -> Any:
-        """Inferential options too many or too few."""
+        """How many inferential options there are too many or too few."""
         return abs(selected[..., INFERENTIAL].sum(-1) - self.share * selected.sum(-1))
 
     def _allowed(self, selected: NDArray[np.int_]) -> float:

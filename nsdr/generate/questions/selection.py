@@ -1,8 +1,8 @@
 """CLEVRER questions for scenes with known ground truth, balanced over a data set.
 
-`nsdr.generate.questions.candidates` lists all questions of a scene. The selection goes through the scenes in order and takes
-the questions that bring the data set's answers closest to their target shares, so that a question's type and form say as little
-as scenes allow about its answer, nor does "not" about its options'.
+`nsdr.generate.questions.candidates` lists all questions about a scene. The selection goes through the scenes in order and takes
+the questions that bring the answers of the data set closest to their target shares. So the type and form of a question tell as
+little about its answer as the scenes allow, and "not" tells as little about its options.
 """
 
 import random
@@ -45,9 +45,10 @@ PER_VIDEO = {
 }
 """Mean number of questions per video in the train split."""
 COUNT_SHARES = {"0": 0.25, "1": 0.25, "2": 0.24, "3": 0.17, "4": 0.08, "5": 0.01}
-"""Target shares of the answers to "count", as uniform as scenes of four to six objects allow. Other answers are uniform."""
+"""Target shares of the answers to "count", as uniform as scenes with four to six objects allow. Answers to other subtypes have
+equal shares."""
 OTHER_COUNT_SHARE = 0.01
-"""Target share of larger counts."""
+"""Target share of each larger count."""
 CORRECT_SHARES = {
     "explanatory": {0: 0.163, 1: 0.204, 2: 0.330, 3: 0.257, 4: 0.046},
     "predictive": {1: 1.0},
@@ -55,19 +56,19 @@ CORRECT_SHARES = {
 }
 """Shares of the train split's questions by number of correct options."""
 MAX_SURPLUS = 0.02
-"""Questions that would raise a share above its target by more than this are left out."""
+"""A question that would raise a share above its target by more than this is left out."""
 KEPT_PER_ANSWER = 3
 """Max number of a scene's candidates with the same family and answer."""
 MIN_OWED = 0.5
-"""Another question is selected while at least this many are owed, which rounds to the nearest number."""
+"""Questions are selected while at least this many are owed; 0.5 rounds to the nearest number."""
 MIN_OPTIONS = 2
 """Min number of options of a question."""
 MAX_OPTIONS = len(ascii_uppercase)
-"""Largest max number of options: prompts name them by letters."""
+"""Upper bound of `QuestionConfig.max_options`: prompts name options by letters."""
 PREDICTIVE_OPTIONS = 2
 """Options of a predictive question, as in the release."""
 PREDICTIVE_PER_SCENE = 1
-"""Max number of predictive questions per scene; they all have the same text."""
+"""Max number of predictive questions per scene: they all have the same text."""
 MIN_WRONG = {"explanatory": 0, "predictive": 1, "counterfactual": 1}
 """Min number of wrong options, as in the release."""
 
@@ -79,15 +80,15 @@ class QuestionConfig(Settings):
     Attributes:
         per_video: mean number of questions per video, by descriptive subtype or other type. Defaults to the train split's.
         max_options: max number of options of a question, 2 to 26 (predictive ones have two).
-        seed: seed of the wordings and of ties.
+        seed: seed for the wordings and for choices between equally good questions.
         inferential_share: share of the options of counterfactual questions that are inferential
-            (`nsdr.clevrer.files.questions.OPTION_TAGS`), met as closely as the scenes allow; None leaves it as it falls (about
-            0.15 in CLEVRER).
-        extensions: whether each video also gets questions beyond CLEVRER, about speeds, directions and masses.
-        changed_per_video: max number of what-if questions about changed objects, for truth files of scenes with CLEVRER's
-            physics; each takes seconds of simulation.
-        plain_per_video: max number of questions about objects alone, for the training of networks; a generated data set has
-            them in its training split only.
+            (`nsdr.clevrer.files.questions.OPTION_TAGS`), reached as closely as the scenes allow; None leaves it to chance
+            (about 0.15 in CLEVRER).
+        extensions: whether there are also questions beyond CLEVRER, about speeds, directions and masses.
+        changed_per_video: max number of what-if questions about changed objects. They need truth files of scenes with
+            CLEVRER's physics, and each takes seconds of simulation.
+        plain_per_video: max number of questions about objects alone, for training networks. A generated data set has them
+            only in its training split.
     """
 
     per_video: Mapping[Annotated[str, one_of(PER_VIDEO)], NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))
@@ -107,13 +108,13 @@ class QuestionConfig(Settings):
 def find_candidates(
     item: tuple[int, str, Scene] | tuple[int, str, Scene, Simulate | None], config: QuestionConfig | None = None
 ) -> SceneQuestions:
-    """Candidate questions of a scene, with all their options. All ids are 0.
+    """Candidate questions about a scene, with all their options. All ids are 0.
 
-    Of descriptive ones there are at most `KEPT_PER_ANSWER` per answer and family of programs.
+    There are at most `KEPT_PER_ANSWER` descriptive questions with the same answer and family of programs.
 
     Args:
-        item: index, file name and scene; for what-if questions also what gives the true collisions with a change.
-        config: the questions that are wanted; None for CLEVRER's.
+        item: index, file name and scene; for what-if questions also the function that gives the true collisions after a change.
+        config: which questions are wanted; None for CLEVRER's.
     """
     index, filename, scene, *simulate = item
     config = config or QuestionConfig()
@@ -130,7 +131,7 @@ def find_candidates(
 
 
 def _kept(questions: Iterable[tuple[str, Question]], rng: random.Random) -> list[Question]:
-    """At most `KEPT_PER_ANSWER` per group and answer, drawn at random from (group, question)."""
+    """At most `KEPT_PER_ANSWER` questions of each group and answer, drawn at random from pairs (group, question)."""
     found, kept = list(questions), []
     seen: Counter[tuple[str, str | None]] = Counter()
     rng.shuffle(found)
@@ -145,7 +146,7 @@ def _kept(questions: Iterable[tuple[str, Question]], rng: random.Random) -> list
 def generate_questions(
     scenes: Iterable[tuple[int, str, Scene]], config: QuestionConfig | None = None
 ) -> Iterator[SceneQuestions]:
-    """Balanced questions for scenes (index, file name, scene); deterministic for the same scenes in the same order.
+    """Balanced questions about scenes (index, file name, scene). The same scenes in the same order give the same questions.
 
     Predictive, counterfactual and motion questions are omitted for scenes that lack the ground truth they need.
     """
@@ -156,7 +157,7 @@ def generate_questions(
 def select_questions(candidates: Iterable[SceneQuestions], config: QuestionConfig) -> Iterator[SceneQuestions]:
     """Select from the candidates of each scene, in order, the questions that balance the data set.
 
-    Warns at the end if the scenes did not allow `QuestionConfig.inferential_share`.
+    Warns at the end if the scenes did not allow the `QuestionConfig.inferential_share` that was asked for.
     """
     selection, beyond = _Selection(config), _ExtensionSelection(config.seed, config.max_options)
     for scene in candidates:
@@ -168,7 +169,7 @@ def select_questions(candidates: Iterable[SceneQuestions], config: QuestionConfi
 
 
 class _Selection:
-    """Counts of CLEVRER's questions selected so far, and the choice of the next ones."""
+    """Counts CLEVRER's questions that were selected so far, and chooses the next ones."""
 
     def __init__(self, config: QuestionConfig) -> None:
         self.config, self.rng = config, random.Random(f"{config.seed} selection")
@@ -188,7 +189,7 @@ class _Selection:
             )
 
     def questions(self, candidates: Sequence[Question]) -> list[Question]:
-        """The selected questions of a scene, descriptive ones first."""
+        """Select questions about a scene, descriptive ones first."""
         selected: list[Question] = []
         for kind in self.config.per_video:
             self.owed[kind] += self.config.per_video[kind]
@@ -221,11 +222,11 @@ class _Selection:
         return selected
 
     def _scarcest(self, kind: str, answers: Sequence[str]) -> str:
-        """The answer that was given least, relative to its target share."""
+        """The answer that was selected least often, relative to its target share."""
         return min(answers, key=lambda a: (self.answers[kind, a] + self.rng.random()) / _target_share(kind, a))
 
     def _excess(self, q: Question) -> float:
-        """By how many questions of its form its answer would exceed its target share."""
+        """By how many questions of this form the answer would exceed its target share."""
         share = _target_share(str(q.subtype), str(q.answer))
         return self.forms_with[form(q), str(q.answer)] + 1 - share * (self.forms[form(q)] + 1)
 
@@ -256,7 +257,7 @@ class _Selection:
         return selected
 
     def _options(self, question: Question) -> list[Choice]:
-        """Options in random order, with the number of correct ones that is most below its target share; [] when none fits."""
+        """Options in random order, with that number of correct ones that is most below its target share; [] if none fits."""
         kind, group = question.type, (question.type, is_negated(question))
         correct, wrong = _by_answer(question)
         max_options = PREDICTIVE_OPTIONS if kind == "predictive" else self.config.max_options
@@ -275,7 +276,7 @@ class _Selection:
         return options
 
     def _least_used(self, group: tuple[str, bool], remaining: list[Choice], count: int) -> list[Choice]:
-        """Options whose kind was least often correct (or wrong, like these) relative to the opposite."""
+        """Options whose family was least often correct (or wrong, if these are wrong) relative to the opposite."""
         selected: list[Choice] = []
 
         def excess(o: Choice) -> float:
@@ -292,10 +293,10 @@ class _Selection:
 
 
 class _ExtensionSelection:
-    """Selects, for one scene after another, a question of each kind with the answer that was used least.
+    """Selects for each scene a question of each kind, with the answer that was selected least often so far.
 
     Args:
-        seed: of ties and of the order of options.
+        seed: seed for choices between equally good questions and for the order of options.
         max_options: max number of options of a what-if question.
     """
 
@@ -323,7 +324,7 @@ class _ExtensionSelection:
 
 
 def _changes(question: Question) -> bool:
-    """Whether it is a what-if question about a changed object."""
+    """Whether the question is a what-if question about a changed object."""
     return "get_changed" in (question.program or ())
 
 
