@@ -41,11 +41,8 @@ $(WEIGHTS)/default/dynamics.json: $(WEIGHTS)/dynamics/checkpoint/dynamics.json
 $(WEIGHTS)/paper_fast/checkpoint/dynamics.json:
 	$(call run,dynamics,dynamics/paper_fast,paper_fast,$(MOTION))
 
-$(WEIGHTS)/paper_fast_second/checkpoint/dynamics.json: $(WEIGHTS)/paper_fast/checkpoint/dynamics.json
-	$(call run,dynamics,dynamics/paper_fast_second,paper_fast_second,$(MOTION) --initial $(<D))
-
-$(WEIGHTS)/dynamics_paper/dynamics.json: $(WEIGHTS)/paper_fast/checkpoint/dynamics.json $(WEIGHTS)/paper_fast_second/checkpoint/dynamics.json
-	$(NSDR) train average $(^D) --part dynamics --output $(@D)
+$(WEIGHTS)/dynamics_paper/dynamics.json: $(WEIGHTS)/paper_fast/checkpoint/dynamics.json
+	$(call run,dynamics,dynamics/paper_fast_second,paper_fast_second,$(MOTION) --initial $(<D) --output $(@D))
 
 $(WEIGHTS)/images/statistics.md:
 	$(NSDR) generate dataset --config configs/generate/preview.yaml -o $(@D) --videos $(or $(STEPS),400) --splits '{"train": 1}'

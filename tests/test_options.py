@@ -267,7 +267,7 @@ def test_a_map_whose_colons_lack_spaces_is_refused_with_the_remedy(option, value
         (["generate", "dataset", "--help"], ["-o", "--keep-going", "--videos"]),
         (
             ["train", "-h"],
-            ["frame-parser", "dynamics", "collisions", "question-parser", "average", "baseline", "--device"],
+            ["frame-parser", "dynamics", "collisions", "question-parser", "baseline", "--device"],
         ),
         (["extract-features", "--help"], ["--from", "-o", "--keep-going"]),
     ],

@@ -1,4 +1,3 @@
-import csv
 import json
 import os
 import shutil
@@ -16,14 +15,11 @@ import torch
 from safetensors.torch import load_file
 
 from nsdr import DataError, FrameParser, MachineError, QuestionParser, StatePredictor
-from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
 from nsdr.io.device import CPU_CHECK
 from nsdr.training import dynamics, frame_parser, question_parser
-from nsdr.training.ablation import ALL, parse_sizes
 from nsdr.training.loop import LoopConfig, LossTerm, Task, _accelerator, learning_rate_at, train
 from nsdr.training.run_folder import RunFolder, TrainingState
-from nsdr.world.physics_constants import VIDEO_FRAMES
 
 LOOP = ["--loop.batch_size", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
 
@@ -173,37 +169,6 @@ def test_unknown_keys_are_errors(tmp_path) -> None:
     (tmp_path / "c.yaml").write_text("run_dir: x\nlearning: 3\n")
     with pytest.raises(DataError, match=r"c\.yaml: Option 'learning' is not accepted"):
         question_parser.main(["--config", str(tmp_path / "c.yaml")])
-
-
-def test_sizes_of_an_ablation() -> None:
-    assert parse_sizes("10, 100,all") == [10, 100, ALL]
-    with pytest.raises(DataError, match="expected numbers of programs"):
-        parse_sizes("ten")
-    with pytest.raises(DataError, match="expected positive numbers"):
-        parse_sizes("-1")
-
-
-def test_ablation_trains_once_per_size_and_writes_a_table(tmp_path) -> None:
-    with pytest.raises(DataError, match="needs --evaluation_questions FILE and --evaluation_scenes FOLDER"):
-        question_parser.main(question_arguments(tmp_path / "run", "--ablation", "2"))
-    program = ("events", "filter_collision", "count")
-    question = Question(0, "How many collisions happen?", "descriptive", "count", program, "0", ())
-    write_questions(tmp_path / "questions.json", [SceneQuestions(7, "video_00007.mp4", (question,))])
-    objects = [{"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}]
-    still = {key: [0, 0, 0] for key in ("location", "orientation", "velocity", "angular_velocity")}
-    rows = [{"object_id": 0, "inside_camera_view": True, **still}]
-    frames = [{"frame_id": f, "objects": rows} for f in range(VIDEO_FRAMES)]
-    truth = {"scene_index": 7, "seed": 0, "objects": objects, "frames": frames, "collisions": [], "counterfactual": {}}
-    (tmp_path / "truth_00007.json").write_text(json.dumps(truth))
-    data = ["--evaluation_questions", str(tmp_path / "questions.json"), "--evaluation_scenes", str(tmp_path)]
-    small = question_arguments(tmp_path / "run", "--loop.steps", "2", "--ablation", "2,all")
-    with open(question_parser.main([*small, *data])) as file:
-        rows = list(csv.DictReader(file))
-    assert [(row["programs"], row["question_type"], row["questions"]) for row in rows] == [
-        ("2", "descriptive", "1"),
-        ("all", "descriptive", "1"),
-    ]
-    assert (tmp_path / "run" / "2" / "checkpoint" / "question_parser.safetensors").exists()
 
 
 class _ReachedError(Exception):

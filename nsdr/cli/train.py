@@ -13,7 +13,6 @@ PARTS = {
     "dynamics": ("dynamics", "the paper's network for motion"),
     "collisions": ("collisions", "the network that finds collisions in tracks"),
     "question-parser": ("question_parser", "the networks from texts to programs"),
-    "average": ("average", "the mean of the weights of several runs"),
     "baseline": ("baselines", "a system that answers without programs or without scenes"),
 }
 """Of each part the module of `nsdr.training` with its `main(argv)`, and what it is."""

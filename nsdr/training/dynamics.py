@@ -135,8 +135,10 @@ class StateModelTask(TrackTask):
 def main(argv: Sequence[str] | None = None) -> str:
     """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_training(DynamicsTraining, argv, "dynamics")
+    mean_with = config.initial if config.mean_with_initial else ""
+    details = {"network": config.network}
     if config.network == "state":
-        return train_part("dynamics", StateModelTask(config), config, config.model, {"network": config.network})
+        return train_part("dynamics", StateModelTask(config), config, config.model, details, mean_with=mean_with)
     task = PatchModelTask(config) if config.network == "paper" else ImageModelTask(config)
     inputs = {"scenes": [len(task.data), len(task.held_out)]}
-    return train_part("dynamics", task, config, config.patches, {"network": config.network}, inputs)
+    return train_part("dynamics", task, config, config.patches, details, inputs, mean_with)

@@ -27,7 +27,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from nsdr.errors import DataError
-from nsdr.io.checkpoint import save_checkpoint
+from nsdr.io.checkpoint import save_checkpoint, start_from
 from nsdr.io.device import PRECISIONS, has_bfloat16, resolve_device, resolve_precision
 from nsdr.io.files import locked
 from nsdr.training.run_folder import RunFolder, TrainingState, described, resolved
@@ -301,6 +301,7 @@ def train_part(
     model_config: Any,
     details: Mapping[str, Any] | None = None,
     inputs: Mapping[str, Any] | None = None,
+    mean_with: str = "",
 ) -> str:
     """Train a part of the system and write its checkpoint.
 
@@ -311,6 +312,8 @@ def train_part(
         model_config: the dataclass that rebuilds the network.
         details: what else the part's JSON file holds.
         inputs: plain values that stand for the content of the data; a run is resumed only with the same.
+        mean_with: folder of a checkpoint of the same network; the mean of its weights and the trained ones is evaluated and
+            written in place of the trained ones. "" for none.
 
     Returns:
         The folder of the checkpoint.
@@ -318,8 +321,17 @@ def train_part(
     Raises:
         FloatingPointError, DataError: see `train`.
     """
-    metrics = train(task, config.loop, config.run_dir, resolved(config) | {**(inputs or {})})
+    metrics: Mapping[str, float | None] = train(
+        task, config.loop, config.run_dir, resolved(config) | {**(inputs or {})}
+    )
     output: str = config.output or f"{config.run_dir}/checkpoint"
+    if mean_with:
+        trained = {name: value.clone() for name, value in task.model.state_dict().items()}
+        start_from(task.model, mean_with, part)
+        with torch.no_grad():
+            for name, value in task.model.state_dict().items():
+                value.lerp_(trained[name], 0.5)
+        metrics = task.evaluate(task.model)
     processes = PartialState()
     if processes.is_main_process:
         more = {**(details or {}), "metrics": metrics, "training": described(config)}

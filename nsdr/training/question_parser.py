@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import cast
 
 import numpy as np
@@ -27,7 +27,6 @@ from nsdr.language.texts import (
 from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.network import QuestionParser, build_networks, pad
 from nsdr.question_parser.tokenizer import END, OTHER, PAD, PROGRAM_TOKENS, START, TOKEN_INDEX, Tokenizer
-from nsdr.training.ablation import run_ablation
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import Count, PathName, PositiveCount, Settings, Share
@@ -54,9 +53,6 @@ class QuestionParserTraining(Settings):
         other: share of each batch whose texts are no texts of the kind, for the network to reject: half of them are texts of
             another kind, half have their words shuffled, or one left out or put in.
         evaluation_texts: number of texts of each kind to evaluate on, drawn from the grammar with a seed of their own.
-        ablation: numbers of programs such as "10,100,all": one run for each, and a table of their accuracy.
-        evaluation_questions: question file with programs and answers; for the ablation.
-        evaluation_scenes: folder with `truth_N.json` of the scenes of `evaluation_questions`; for the ablation.
         model: the networks.
         loop: the optimisation.
     """
@@ -69,18 +65,8 @@ class QuestionParserTraining(Settings):
     paraphrase: Share = 0.0
     other: Share = 0.08
     evaluation_texts: PositiveCount = 1000
-    ablation: str = ""
-    evaluation_questions: str = ""
-    evaluation_scenes: str = ""
     model: QuestionParserConfig = field(default_factory=QuestionParserConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.ablation and not (self.evaluation_questions and self.evaluation_scenes):
-            raise DataError(
-                "--ablation needs --evaluation_questions FILE and --evaluation_scenes FOLDER (truth_N.json files)"
-            )
 
 
 class QuestionParserTask(Task):
@@ -204,22 +190,9 @@ def _read_pairs(path: str) -> dict[str, list[Pair]]:
     return {kind: list(texts.items()) for kind, texts in programs.items()}
 
 
-def _train(config: QuestionParserTraining) -> str:
+def main(argv: Sequence[str] | None = None) -> str:
+    """Train from command-line arguments; returns the folder of the finished checkpoint."""
+    config = parse_training(QuestionParserTraining, argv, "question-parser")
     task = QuestionParserTask(config)
     details = {"words": task.tokenizer.words, "program_tokens": PROGRAM_TOKENS}
     return train_part("question_parser", task, config, config.model, details)
-
-
-def main(argv: Sequence[str] | None = None) -> str:
-    """Train from command-line arguments; returns the folder of the finished checkpoint.
-
-    With `--ablation 10,100,all`, train once for each number of programs and return the path of the table instead.
-    """
-    config = parse_training(QuestionParserTraining, argv, "question-parser")
-    if not config.ablation:
-        return _train(config)
-
-    def train(samples: int, run_dir: str) -> str:
-        return _train(replace(config, ablation="", samples=samples, run_dir=run_dir, output=""))
-
-    return run_ablation(train, config.ablation, config.run_dir, config.evaluation_questions, config.evaluation_scenes)

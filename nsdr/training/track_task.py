@@ -48,6 +48,7 @@ class DynamicsTraining(Settings):
         run_dir: folder of the run; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         initial: folder of a checkpoint to start from; "" starts from random weights.
+        mean_with_initial: whether the finished checkpoint holds the mean of the weights of `initial` and the trained weights.
         limit: maximum number of scenes; 0 for all.
         data: for "paper_images", the folder of a data set with `videos/`, `derender_proposals/` and `annotations/` of `train`,
             such as `nsdr generate dataset` makes.
@@ -67,6 +68,7 @@ class DynamicsTraining(Settings):
     run_dir: str = ""
     output: str = ""
     initial: str = ""
+    mean_with_initial: bool = False
     limit: Count = 0
     data: str = ""
     rollout_steps: Annotated[int, Meta(ge=1, le=VIDEO_FRAMES)] = 5
@@ -82,6 +84,8 @@ class DynamicsTraining(Settings):
         on_images = self.network == "paper_images"
         for name in ("data", "run_dir") if on_images else ("proposals", "truth", "run_dir"):
             expect(bool(getattr(self, name).strip()), name, "a path", repr(getattr(self, name)))
+        if self.mean_with_initial and not self.initial:
+            raise DataError("mean_with_initial: needs a checkpoint to start from; give --initial FOLDER")
         useless = ("proposals", "truth") if on_images else ("data",)
         given = [name for name in useless if getattr(self, name)]
         if given:

@@ -82,7 +82,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--loop.precision": ("zebra", "bf17"), "--loop.optimizer": ("zebra",), "--loop.schedule": ("zebra",),
         "--loop.seed": ("-1", "x"), "--loop.device": ("zebra", "cuda:99"), "--device": ("zebra",), "--zebra": ("1",),
         "--paraphrase": ("-1", "1.5", "nan"), "--other": ("-1", "1.5"), "--samples": ("-1",),
-        "--evaluation_texts": ("0", "-1"), "--ablation": ("zebra", "-1", "0", ",")}),
+        "--evaluation_texts": ("0", "-1")}),
     "score": (SCORE, {"--questions": ("nowhere.json", "/dev/null", ".", ""), "--allow-missing": ("zebra",), "--zebra": ("1",)}),
     "controls": (CONTROLS, {"--split": ("zebra", "train", "test"), "--kinds": ("zebra", "", "shuffled"),
                             "--limit": ("-1", "x", "1.5"), "--workers": ("-1", "x"), "--engine": ("zebra",)}),
