@@ -26,14 +26,13 @@ MACHINE_TEXTS = ("out of memory", "not enough memory", "can't allocate memory", 
 
 
 class NsdrError(Exception):
-    """Base of all errors that `nsdr` raises on purpose; the message names the cause and, where there is one, the remedy."""
+    """Base of all errors about what `nsdr` is given; the message names the cause and, where there is one, the remedy."""
 
 
-class MachineError(NsdrError):
+class MachineError(Exception):
     """The machine failed, and not what it was given: no space left, no memory, a lost worker process, a broken device.
 
-    Such an error says nothing of an input and is no result: work that notes the errors of single inputs and goes on must let
-    this one pass.
+    It is no `NsdrError`: work that catches those of single inputs, notes them and goes on must end at this one.
     """
 
 
@@ -86,8 +85,10 @@ def machine_error(error: BaseException, what: object = "") -> MachineError | Non
         error: the exception.
         what: the file or the task, for the message; "" where that is not known.
     """
+    if isinstance(error, MachineError):
+        return error
     if isinstance(error, NsdrError):
-        return error if isinstance(error, MachineError) else None
+        return None
     text, place = " ".join(str(error).split()), f"{what}: " if what else ""
     if isinstance(error, OSError):
         return MachineError(f"{place}{error.strerror}") if error.errno in MACHINE_ERRNOS else None

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import nsdr
 from nsdr.apps.strangers import check_asked, check_programs, without_folders
 from nsdr.claims.narration import reasons
-from nsdr.errors import DataError, NsdrError
+from nsdr.errors import DataError, MachineError, NsdrError
 from nsdr.io.decoding import find_videos
 from nsdr.pipeline import Pipeline
 from nsdr.symbolic import format_tree
@@ -214,7 +214,7 @@ def make_server(pipeline: Pipeline, folder: str | Path) -> Any:
         async def run(**arguments: Any) -> Any:
             try:
                 return await anyio.to_thread.run_sync(partial(function, **arguments), limiter=one)
-            except NsdrError as e:
+            except (NsdrError, MachineError) as e:
                 raise ToolError(without_folders(str(e))) from e
 
         made = Tool.from_function(run)

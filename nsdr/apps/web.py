@@ -24,7 +24,7 @@ from nsdr.apps.comparison import write_comparison
 from nsdr.apps.guard import Guard
 from nsdr.apps.panels import STYLE, answer_panel, difference_panel, notes_panel
 from nsdr.apps.strangers import MAX_CHOICES_CHARACTERS, MAX_QUESTION_CHARACTERS, check_asked, without_folders
-from nsdr.errors import DataError, NsdrError, VideoError
+from nsdr.errors import DataError, MachineError, NsdrError, VideoError
 from nsdr.types.interventions import Intervention
 from nsdr.visualize.annotate import write_annotated_video
 from nsdr.visualize.timeline import timeline_html
@@ -254,7 +254,7 @@ class _Page:
         """What is found in a clip, and then which laws it breaks; the reason where it is refused."""
         try:
             yield self._watch(path, progress)
-        except NsdrError as e:
+        except (NsdrError, MachineError) as e:
             yield {self.laws: _not_judged(e)}
             raise
         yield {self.laws: self._judge(path)}
@@ -352,7 +352,7 @@ class _Page:
 
 def _reason(error: Exception) -> str:
     """What a visitor reads about an error. Those of the program's own are only logged in full."""
-    if isinstance(error, NsdrError):
+    if isinstance(error, NsdrError | MachineError):
         return without_folders(str(error))
     log.error("a visitor's request failed", exc_info=error)
     if isinstance(error, OSError):
@@ -360,5 +360,5 @@ def _reason(error: Exception) -> str:
     return "That failed by a bug in nsdr; the server's output says where."
 
 
-def _not_judged(reason: NsdrError) -> str:
+def _not_judged(reason: Exception) -> str:
     return f"<div class=panel><p>Not judged: {html.escape(without_folders(str(reason)))}</p></div>"

@@ -14,7 +14,7 @@ from nsdr.baselines.data import Example, Vocabulary, encoded, make_batch
 from nsdr.baselines.features.extraction import features_of
 from nsdr.baselines.features.files import KINDS, FeatureCache, Features, check_settings
 from nsdr.clevrer.files.questions import QUESTION_TYPES, Choice, Question, SceneQuestions
-from nsdr.errors import CheckpointError, DataError, MachineError, NsdrError
+from nsdr.errors import CheckpointError, DataError, NsdrError
 from nsdr.io.checkpoint import PretrainedPart, load_description, load_network
 from nsdr.io.notes import distinct
 from nsdr.question_parser.base import Parser, read_programs
@@ -168,8 +168,6 @@ class TrainedBaseline(PretrainedPart):
         try:
             parts = [listed[i : i + TEXTS_PER_BATCH] for i in range(0, len(listed), TEXTS_PER_BATCH)]
             rows = iter([row for part in parts for row in self.probabilities(part, features)])
-        except MachineError:
-            raise
         except NsdrError as e:
             return answers | dict.fromkeys(examples, e)
         for question in questions:

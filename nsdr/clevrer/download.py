@@ -7,7 +7,7 @@ imported when it starts.
 from collections.abc import Iterable
 from pathlib import Path
 
-from nsdr.errors import DataError, NsdrError, machine_error
+from nsdr.errors import DataError, MachineError, NsdrError, machine_error
 
 __all__ = ["OFFICIAL_ROOT", "download"]
 
@@ -80,7 +80,7 @@ def _unpack(archive: Path, folder: Path) -> None:
     try:
         with writing(folder), zipfile.ZipFile(archive) as opened:
             opened.extractall(partial)
-    except NsdrError:  # a full disk, or a name that no file can have
+    except (NsdrError, MachineError):  # a full disk, or a name that no file can have
         raise
     except Exception as e:  # damaged ones raise many kinds
         if failure := machine_error(e, archive):

@@ -16,7 +16,7 @@ from nsdr.cli.common import (
     refuse_idle,
     shared_options,
 )
-from nsdr.errors import DataError, EndpointError, MachineError, NsdrError, QuestionError
+from nsdr.errors import DataError, EndpointError, NsdrError, QuestionError
 from nsdr.io.files import check_output
 from nsdr.io.notes import distinct
 from nsdr.io.storage import load
@@ -196,8 +196,6 @@ def demo(options: Any) -> int:
         try:
             found = pipeline.answer(VIDEO, question.text, [c.text for c in question.choices] or None)
             right += _print_compared(question, found)
-        except MachineError:
-            raise
         except NsdrError as e:
             print(f"  could not be answered: {e}\n")
             failed.append(f"{question.text!r}: {e}")

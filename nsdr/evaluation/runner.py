@@ -19,7 +19,7 @@ from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.clevrer.layout import FolderFiles
 from nsdr.dynamics.registry import READ_NO_IMAGES
-from nsdr.errors import DataError, MachineError, NsdrError
+from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
 from nsdr.evaluation.score import Parse, evaluate
 from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
@@ -205,8 +205,6 @@ def _scenes(
                 found = {**found, **cast(PerceptionInput, video_of(s))}
             common = common or settings.fingerprint(config.checkpoint, config.source, config.truth_source)
             jobs.append(_job(config, common, s.scene_index, found, true_scene))
-        except MachineError:
-            raise
         except NsdrError as e:
             scenes[s.scene_index] = e
     if any(isinstance(s, Scene) for s in scenes.values()):
@@ -339,7 +337,5 @@ def _executor(scene: Scene | Callable[[], Scene] | NsdrError, config: Evaluation
 def _official(config: EvaluationConfig, predictions: FolderFiles, scene_index: int) -> OfficialExecutor | NsdrError:
     try:
         return OfficialExecutor(prediction_file(predictions, scene_index), config.collisions)
-    except MachineError:
-        raise
     except NsdrError as e:
         return e

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from nsdr.clevrer.files.questions import PAIR_KINDS, QUESTION_TYPES, Question, SceneQuestions
-from nsdr.errors import ExecutionError, MachineError, NsdrError, QuestionError
+from nsdr.errors import ExecutionError, NsdrError, QuestionError
 from nsdr.evaluation.measures import accuracy_interval, by_halves, calibration, calibration_text, percent
 from nsdr.symbolic import Executor, OfficialExecutor, Program
 from nsdr.symbolic.program import ProgramSource
@@ -99,8 +99,6 @@ def _answer(executor: Executor | OfficialExecutor, question: Question, parse: Pa
         except ExecutionError as e:  # of the question
             failed = tuple(ChoiceAnswer(c.text, None, (), (), str(e)) for c in question.choices)
             return Answer(question.text, (), None, choices=failed)
-    except MachineError:
-        raise
     except NsdrError as e:
         return e
 
