@@ -72,7 +72,13 @@ def judge(
 
 
 def judge_tracks(tracks: VideoTracks, proposals: VideoProposals, late: FloatArray | None = None) -> Judgement:
-    """Judge a video as `judge` does, by its tracks and the proposals that these were made from."""
+    """Judge a video as `judge` does, by its tracks and the proposals that these were made from.
+
+    Args:
+        tracks: tracks of the video.
+        proposals: proposals from which the tracks were made.
+        late: see `judge`, (F,).
+    """
     processed = _checked_frames(proposals)
     timing = timing_of(tracks, processed, np.zeros(proposals.n_frames) if late is None else late)
     spacing = float(np.median(np.diff(_checked_frames(timing.proposals(proposals)))))

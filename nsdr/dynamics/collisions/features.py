@@ -69,7 +69,7 @@ class NetworkInputs(NamedTuple):
 
 
 def arrays_from_states(states: MotionStates) -> MotionArrays:
-    """Make the arrays of a video from its motion states."""
+    """Make the (n, F, ...) arrays of a video from its motion states."""
     box, location = states.box_px, states.location_world
     corners = np.where(states.detected[..., None], states.box_xyxy_px, np.nan)
     hidden = hidden_sides(corners.transpose(1, 0, 2)).transpose(1, 0, 2)
