@@ -1,4 +1,4 @@
-"""Judging videos: which law of CLEVRER's world is broken, by which object, in which frame."""
+"""The judge of videos: which law of CLEVRER's world is broken, by which objects and in which frames."""
 
 VERSION = 6
-"""Of the judgements of proposals: raised when they change."""
+"""Version of the judgements of proposals. It is raised when they change."""

@@ -1,4 +1,4 @@
-"""All that speaks against the laws in a video: of motion, presence, and the direction of time."""
+"""All evidence against the laws in a video: motion, presence, and the direction of time."""
 
 from dataclasses import replace
 from typing import Any
@@ -14,14 +14,15 @@ from nsdr.types import VideoProposals, VideoTracks
 
 
 def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) -> list[Evidence]:
-    """What speaks against each law in a video, the strongest evidence first; nothing where no object is seen.
+    """Find the evidence against each law in a video, the strongest first. There is none if no object is seen.
 
-    What explains other evidence takes its place: an object that turns up where another one disappears, and for all that
-    speaks against the laws of motion, that the video makes more sense backwards.
+    Evidence that explains other evidence replaces it. If one object appears where another disappears, their evidence against
+    permanence becomes evidence against identity. If the video is more plausible backwards, all evidence against the laws of
+    motion becomes evidence against the arrow of time.
 
     Args:
-        tracks: of the video.
-        proposals: from which they were made; None says nothing of words that change in a track.
+        tracks: tracks of the video.
+        proposals: proposals from which the tracks were made; None leaves out attributes that change within a track.
     """
     if not tracks.tracks:
         return []
@@ -34,7 +35,7 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
     if proposals is not None:
         found = renamed(found, tracks, proposals, processed)
         found += other_words(forwards, tracks, proposals)
-    # That the ground is another one, too, would be a second broken law.
+    # Another ground in the reversed video would be a second broken law.
     backwards = cut_motion(_reversed(states), forwards.noise, known_ground=True)
     gain = forwards.cost() - backwards.cost()
     if gain > MIN_EVIDENCE:
@@ -44,16 +45,22 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
 
 
 def evidence_in_time(tracks: VideoTracks, timing: Timing, proposals: VideoProposals | None = None) -> list[Evidence]:
-    """The evidence of `evidence_of` with frames at their own times, and that of standstills.
+    """Find the evidence with each frame at the time at which it was taken, including evidence of standstills.
 
-    Frame numbers are those of the video.
+    Args:
+        tracks: tracks of the video.
+        timing: times at which the frames were taken.
+        proposals: proposals from which the tracks were made; None as in `evidence_of`.
+
+    Returns:
+        The evidence, with frame numbers of the video.
     """
     found = evidence_of(timing.tracks(tracks), None if proposals is None else timing.proposals(proposals))
     return [*(timing.as_shown(e) for e in found), *timing.evidence]
 
 
 def _reversed(states: MotionStates) -> MotionStates:
-    """The tracks of the video played backwards."""
+    """The motion states of the video played backwards."""
     names = ("location_world", "detected", "reliable", "present", "box_px")
     turned: dict[str, Any] = {name: np.ascontiguousarray(getattr(states, name)[:, ::-1]) for name in names}
     return replace(states, **turned)

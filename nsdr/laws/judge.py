@@ -1,4 +1,4 @@
-"""Evidence against the laws -> what a video breaks, and how probably."""
+"""The judgement of a video: which laws it breaks, with probabilities computed from the evidence."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -28,16 +28,18 @@ EVEN_NATS = {
     "standstill": 10.0,
 }
 STEEPNESS = 3.3
-"""Evidence against each law that makes its violation as probable as not (nats), and how fast the log odds grow with the
-evidence's logarithm: of 501 lawful scenes of `train` and of training seeds, printed by `python -m benchmarks.violations SUITE…
---lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit` (docs/judge.md says how the suites were made)."""
+"""Evidence against each law at which a violation has probability 0.5 (nats), and the slope of the log-odds as a function of the
+logarithm of the evidence. Fitted to 501 lawful scenes of `train` and to suites with training seeds by `python
+-m benchmarks.violations SUITE… --lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit` (docs/judge.md says how the suites were
+made)."""
 MIN_JUDGED_FRAMES, MAX_SPACING_FRAMES = 24, 3
-"""Fewest frames that are judged, and how far apart they may lie (frames): with fewer, little is found, and farther apart lawful
-videos seem to break laws (`python -m benchmarks.violations SUITE --lawful PROPOSALS_VALIDATION.npz --rates`)."""
-
+"""Smallest number of frames that are judged, and their largest spacing (frames). In fewer frames, few violations are found; at
+a larger spacing, lawful videos seem to break laws (`python -m benchmarks.violations SUITE --lawful PROPOSALS_VALIDATION.npz
+--rates`)."""
 SAFE_SPACING_FRAMES = 2
-"""Frames farther apart are judged with a note (frames). Of 48 lawful videos (34 of `train`, every 260th from scene 5 on,
-originals and clips) one seems to break a law at a stride of 2, and one at 3; of 37 in docs/judge.md, none at 2 and two at 3."""
+"""At a larger spacing, judgements have a note (frames). Of 48 lawful videos (34 of `train`, every 260th from scene 5 on,
+originals and clips), one seems to break a law at a stride of 2, and one at 3; of the 37 in docs/judge.md, none at 2 and two at
+3."""
 
 
 def judge(
@@ -46,39 +48,33 @@ def judge(
     camera: Camera = CLEVRER_CAMERA,
     late: FloatArray | None = None,
 ) -> Judgement:
-    """Which laws of CLEVRER's world a video breaks, by which objects, and when.
+    """Judge which laws of CLEVRER's world a video breaks, which objects break them, and when.
 
-    The tracks are explained by free sliding between contacts, with masses and restitutions in CLEVRER's range and the noise of
-    positions as measured in the video, and by the same with a law broken; see `nsdr.laws.motion`. What is hidden, cut by the
-    border or short tells less or nothing.
+    The tracks are explained by lawful motion (free sliding between contacts, with masses and restitutions in CLEVRER's range
+    and the noise of positions measured in the video) and by motion that breaks a law; see `nsdr.laws.motion`. Motion that is
+    hidden, cut by the image border or short gives little or no evidence.
 
-    Frames are judged at the times at which they were taken: where a copy at another rate left frames out or shows them again,
+    Frames are judged at the times at which they were taken. If a copy at another rate left out frames or repeats them,
     `Judgement.notes` says so; see `nsdr.laws.timing`.
 
     Args:
-        proposals: of the video's frames.
+        proposals: proposals in the frames of the video.
         tracker: thresholds of the tracker.
         camera: the camera that took the video.
-        late: (F,) how much later each frame was taken than at 25 frames a second, as in videos with another rate (frames);
-            None for not at all.
+        late: (F,) delay of each frame relative to a video at 25 frames per second (frames), not 0 for videos at another rate;
+            None for no delays.
 
     Returns:
-        The judgement. Where no object is seen, nothing is broken.
+        The judgement. It has no violations if no object is seen.
 
     Raises:
-        VideoError: too few frames were processed, or they lie too far apart.
+        VideoError: too few frames were processed, or their spacing is too large.
     """
     return judge_tracks(track(proposals, tracker, camera), proposals, late)
 
 
 def judge_tracks(tracks: VideoTracks, proposals: VideoProposals, late: FloatArray | None = None) -> Judgement:
-    """Judge a video as `judge` does, by its tracks and the proposals that these were made from.
-
-    Args:
-        tracks: tracks of the video.
-        proposals: proposals from which the tracks were made.
-        late: see `judge`, (F,).
-    """
+    """Judge a video like `judge`, given its tracks and the proposals from which they were made."""
     processed = _checked_frames(proposals)
     timing = timing_of(tracks, processed, np.zeros(proposals.n_frames) if late is None else late)
     spacing = float(np.median(np.diff(_checked_frames(timing.proposals(proposals)))))
@@ -87,7 +83,7 @@ def judge_tracks(tracks: VideoTracks, proposals: VideoProposals, late: FloatArra
 
 
 def spacing_notes(spacing_frames: float) -> tuple[str, ...]:
-    """What is doubtful about a judgement of frames that lie far apart, if anything is."""
+    """Notes on a judgement of frames with a large spacing; empty if there is nothing to say."""
     if spacing_frames <= SAFE_SPACING_FRAMES:
         return ()
     rate = FPS / spacing_frames
@@ -95,7 +91,10 @@ def spacing_notes(spacing_frames: float) -> tuple[str, ...]:
 
 
 def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement:
-    """How probable violations are by the evidence of `nsdr.laws.evidence`."""
+    """Compute the probabilities of violations from the evidence of `nsdr.laws.evidence`.
+
+    The log-odds of a violation are `STEEPNESS` · log(nats / `EVEN_NATS`).
+    """
     violations, lawful = [], 1.0
     for e in evidence:
         probability = 1 / (1 + (EVEN_NATS[e.law] / e.nats) ** STEEPNESS)
@@ -108,7 +107,11 @@ def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement
 
 
 def _checked_frames(proposals: VideoProposals) -> IntArray:
-    """The frames that were processed, if they suffice."""
+    """The frames that were processed.
+
+    Raises:
+        VideoError: there are too few, or their spacing is too large.
+    """
     frames = np.arange(proposals.n_frames) if proposals.processed is None else proposals.processed
     if len(frames) < MIN_JUDGED_FRAMES:
         raise VideoError(f"{len(frames)} different frames are too few to judge; expected {MIN_JUDGED_FRAMES} or more")

@@ -1,7 +1,8 @@
-"""What speaks against the laws of motion: how much worse the tracks fit lawful motion than motion that breaks it once, in nats.
+"""Evidence against the laws of motion.
 
-A lawful object slides freely between its contacts (`nsdr.laws.stretches`). So each change of motion needs a contact, in which
-both objects change as masses and restitution allow, and objects that meet need to change.
+The evidence against a law is a log-likelihood ratio (nats): how much worse the tracks fit lawful motion than motion that breaks
+the law once. Under the laws, an object slides freely between its contacts (`nsdr.laws.stretches`). So each change of motion
+needs a contact, in which both objects change as masses and restitution allow, and objects that meet must change.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,9 +18,9 @@ from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD
 from nsdr.laws.breaks import (
     FIRST_NOISE_WORLD,
     JUMP_FRAMES,
+    KICK_NOISE_WORLD_PER_S,
     MIN_EVIDENCE,
     SURE_FRAMES,
-    VELOCITY_NOISE,
     Break,
     cut,
     merge,
@@ -34,31 +35,33 @@ from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
 REACH_NOISE_WORLD = 0.01
 """Standard deviation of the distance at which two objects touch (world units)."""
 SAME_FRAMES = 3
-"""Two objects that change within so many frames may do so in one contact."""
+"""Two objects whose motion changes within this many frames may do so in the same contact."""
 UNSEEN_FRAMES = 10
-"""Objects may touch so long before they are first seen, or after they are last seen (frames)."""
+"""Objects may touch up to this long before they are first seen or after they are last seen (frames)."""
 CROWDED_FRAMES, CROWDED_WORLD = 10, 0.7
-"""Other changes so long before or after a contact make its effect unknown, those of a third object if it comes so near (frames,
-world units): chosen on the training suites of docs/judge.md."""
-HIDDEN_FRAMES = 24
-"""Changes during which an object is hidden for longer do not show the effect of one contact alone (frames)."""
+"""The effect of a contact is unknown if the motion of one of the objects, or of a third object this near (world units), also
+changes within this many frames. Chosen on the training suites of docs/judge.md."""
+MAX_HIDDEN_FRAMES = 24
+"""If an object is hidden for longer at a change, the change does not show the effect of a single contact (frames)."""
 CAUSE_FRAMES = 6
-"""Weaker evidence about an object so near to other evidence is explained by it (frames)."""
+"""Evidence explains weaker evidence about the same object within this many frames."""
 TOUCH_NATS = 4.0
-"""Objects against whose contact less speaks touch (nats)."""
+"""Two objects touch if there is less evidence than this against their contact (nats)."""
 BROKEN_NATS = 200.0
-"""Most that each further broken law counts for when both directions of time are compared (nats)."""
+"""Upper limit of the evidence of each broken law when both directions of time are compared (nats)."""
 MASS_RATIOS = np.geomspace(MASS_RANGE[0] / MASS_RANGE[1], MASS_RANGE[1] / MASS_RANGE[0], 15)
+"""Ratios of the masses of two objects that are tried to explain a collision."""
 MAX_RESTITUTION = 0.8
 """Largest restitution that a collision may show; CLEVRER's is 0.64, and up to 0.76 was measured in official proposals."""
 MIN_CLOSING_WORLD_PER_S = 0.05
-"""Speeds of approach that restitutions are divided by are at least this (world units/s)."""
+"""Lower limit of the approach speed by which the separation speed is divided for a restitution (world units/s)."""
 MIN_ALONG = 0.6
-"""Least cosine between an impulse and the line from one object to the other: cubes push along their sides."""
+"""Smallest cosine of the angle between an impulse and the line of centres, which differ because cubes push along the normal of
+their sides."""
 
 
 class Evidence(NamedTuple):
-    """What speaks for one violation: like `nsdr.types.Violation`, with nats in place of a probability."""
+    """Evidence for a violation: the fields of `nsdr.types.Violation`, with a log-likelihood ratio (nats) as its strength."""
 
     law: str
     objects: tuple[int, ...]
@@ -74,26 +77,26 @@ def cut_motion(states: MotionStates, noise: float | None = None, known_ground: b
     """Cut the tracks where their motion changes.
 
     Args:
-        states: the tracks.
-        noise: standard deviation of their positions; None to measure it.
+        states: motion states of the objects.
+        noise: standard deviation of each coordinate of reliable positions (world units); None to measure it.
         known_ground: whether the ground is known to be CLEVRER's.
     """
     every = range(len(states.objects))
     if noise is None:
         noise = noise_of(s for i in every for s in cut(positions_of(states, i, FIRST_NOISE_WORLD, known_ground=True)))
     first = PiecewiseMotion(states, noise, [cut(positions_of(states, i, noise, known_ground)) for i in every])
-    # Each object's cuts are judged beside all that there were at first, also those of others that are merged by now.
+    # Cuts of one object are compared with the first cuts of all others, including those that have been merged since.
     return replace(first, stretches=[merge(one, first.is_explained) for one in first.stretches])
 
 
 @dataclass(frozen=True, eq=False)
 class PiecewiseMotion:
-    """The motion of a video's objects in stretches of free sliding, and what in it is against the laws.
+    """The motion of the objects of a video as stretches of free sliding, and the evidence in it against the laws.
 
     Attributes:
-        states: the tracks.
-        noise: standard deviation of their positions (world units).
-        stretches: of each object, in order of time.
+        states: motion states of the objects.
+        noise: standard deviation of each coordinate of reliable positions (world units).
+        stretches: stretches of each object, in order of time.
     """
 
     states: MotionStates
@@ -110,38 +113,38 @@ class PiecewiseMotion:
         return self._lawful_nats(b, self._contacts(b)) < TOUCH_NATS
 
     def motion(self) -> Iterator[Evidence]:
-        """Against the laws of motion."""
+        """Find the evidence against all laws of motion."""
         yield from self._friction()
         yield from self._changes()
         yield from self._solidity()
 
     def cost(self) -> float:
-        """Of the positions, the cuts, and all that is against the laws of motion (nats)."""
+        """Cost of the positions, the cuts and the broken laws of motion (nats)."""
         fit = sum(s.cost for one in self.stretches for s in one)
         cuts = CUT_GAIN * sum(len(one) for one in self.breaks)
         broken = [min(e.nats, BROKEN_NATS) for e in strongest(self.motion())]
-        # One broken law is no reason to turn the video around: the worst counts as a cut at most.
+        # One broken law is no reason to play the video backwards, so the strongest evidence counts at most as much as a cut.
         return fit + cuts + sum(broken) - max(max(broken, default=0.0) - CUT_GAIN, 0.0)
 
     def _friction(self) -> Iterator[Evidence]:
-        """Against friction: stretches on another ground, in a row on the same one."""
+        """Find evidence against friction: stretches on another ground, joined where they follow each other."""
         for is_rough, group in (g for one in self.stretches for g in groupby(one, lambda s: s.gain > 0)):
             if is_rough:
                 rough = list(group)
                 most = max(rough, key=lambda s: s.gain)
-                first, end = rough[0].rough_frames[0], rough[-1].rough_frames[1]
+                first, end = rough[0].other_ground_frames[0], rough[-1].other_ground_frames[1]
                 nats = sum(s.gain for s in rough)
                 yield Evidence("friction", (most.track.i,), first, end, most.ground.extra, "world units/s²", nats)
 
     def _changes(self) -> Iterator[Evidence]:
-        """Against continuity, inertia, reaction and action at a distance alone: changes of motion without a good reason."""
+        """Find evidence against continuity, inertia, reaction and distance: changes of motion without a lawful cause."""
         for b in (b for one in self.breaks for b in one):
             if not b.is_sure:
                 continue
             jump, kick, contacts = b.jump(), b.kick(), self._contacts(b)
             frame = round(b.frame)
             if jump.nats > kick.nats:
-                # What is not seen at all for long may have been hit twice.
+                # An object that is not seen for long may have been hit twice.
                 touched = min((c.gap_nats for c in contacts), default=np.inf)
                 nats = jump.nats if b.missing_frames <= JUMP_FRAMES else min(jump.nats, touched)
                 if nats > MIN_EVIDENCE:
@@ -165,53 +168,57 @@ class PiecewiseMotion:
             yield Evidence(law, pair, frame, frame + 1, amount, unit, nats)
 
     def at(self, j: int, frame: float) -> TrackStretch | None:
-        """The stretch of object j that a frame is in, or nearest to; None where none is within `SAME_FRAMES`."""
+        """The stretch of object j nearest to a frame; None if none is within `SAME_FRAMES`."""
         near = [s for s in self.stretches[j] if s.start - SAME_FRAMES <= frame <= s.last + SAME_FRAMES]
         return min(near, key=lambda s: max(s.start - frame, frame - s.last), default=None)
 
     def _sides(self, b: Break, j: int) -> tuple[TrackStretch, TrackStretch] | None:
-        """Object j's motion before and after a change of another: of two stretches, or of the parts of one; None where too
-        little is seen."""
+        """The motion of object j before and after a change of another object; None if too little of it is seen.
+
+        They are the stretches around a change of object j at that time, or the two parts of one stretch.
+        """
         for other in self._changes_with(b, j):
             return other.before, other.after
         s = self.at(j, b.frame)
         return None if s is None else s.parts(b.frame)
 
     def _lawful_nats(self, b: Break, contacts: "list[_Contact]") -> float:
-        """Against the best lawful reason of a change of velocity."""
+        """Evidence against the best lawful cause of a change of velocity (nats)."""
         return min([self._unseen_nats(b), *(c.nats for c in contacts)])
 
     def _contacts(self, b: Break) -> "list[_Contact]":
-        """Contacts with each other object that is seen around a change of motion."""
+        """Possible contacts with all other objects that are seen around a change of motion."""
         found = [self._contact(b, j) for j in range(len(self.stretches)) if j != b.i]
         return [c for c in found if c is not None]
 
     def _contact(self, b: Break, j: int) -> "_Contact | None":
-        """How well a contact with object j explains a change of motion; None where j is not seen around it."""
+        """How well a contact with object j explains a change of motion; None if object j is not seen around it."""
         frame, (gap, nats) = b.frame, self._gap(b, j)
         if np.isinf(nats):
             return None
         sides = self._sides(b, j)
         exchange, restitution = None, np.nan
         if sides is not None and not self._is_crowded(b, j):
-            # What is hidden for long may have changed twice.
+            # An object that is hidden for long may have changed twice.
             hidden = [o.hidden_frames for o in (b, *self._changes_with(b, j))]
-            if max(hidden) <= HIDDEN_FRAMES and all(len(s) >= SURE_FRAMES for s in (b.before, b.after, *sides)):
+            if max(hidden) <= MAX_HIDDEN_FRAMES and all(len(s) >= SURE_FRAMES for s in (b.before, b.after, *sides)):
                 exchange, restitution = _exchange((b.before, b.after), sides, frame)
         return _Contact(j, gap, nats, exchange, restitution)
 
     def _changes_with(self, b: Break, j: int) -> list[Break]:
-        """Changes of object j at the same time."""
+        """Changes of object j at the time of another change."""
         return [o for o in self.breaks[j] if abs(o.frame - b.frame) <= SAME_FRAMES]
 
     def _repels(self, b: Break, contact: "_Contact") -> bool:
-        """Whether the other object changes at the same time in the opposite direction, which no third object explains."""
+        """Whether the other object changes in the opposite direction at the same time without contact with a third object."""
         opposite = (o for o in self._changes_with(b, contact.j) if _is_opposite(b, o))
         return any(all(c.nats >= TOUCH_NATS for c in self._contacts(o) if c.j != b.i) for o in opposite)
 
     def _gap(self, b: Break, j: int) -> tuple[float, float]:
-        """Between the object that changes and object j (world units), and the evidence of it (nats); infinite where j is not
-        seen."""
+        """The gap between the changing object and object j (world units), and the evidence for it (nats).
+
+        Both are infinite if object j is not seen.
+        """
         when, gap, nats = b.window, np.inf, np.inf
         near = self._near(j, when)
         for one in (b.before, b.after):
@@ -224,14 +231,14 @@ class PiecewiseMotion:
         return gap, nats
 
     def _near(self, j: int, when: FloatArray) -> list[TrackStretch]:
-        """Stretches that may tell where object j is at frames (F,): from the one before to the one after it."""
+        """Stretches of object j that may give its position in frames (F,): those in them, and the nearest before and after."""
         every = self.stretches[j]
         first = [every[0].start - UNSEEN_FRAMES, *(s.last - SAME_FRAMES for s in every[:-1])]
         last = [*(s.start + SAME_FRAMES for s in every[1:]), every[-1].last + UNSEEN_FRAMES]
         return [s for s, a, b in zip(every, first, last, strict=True) if a <= when[-1] and when[0] <= b]
 
     def _is_crowded(self, b: Break, j: int) -> bool:
-        """Whether more happens around a contact than that of the two objects, so that its effect alone is not seen."""
+        """Whether other changes happen around a contact with object j, so that its effect cannot be seen alone."""
         frame, pair = b.frame, [b.i, j]
         around = slice(max(round(frame) - CROWDED_FRAMES, 0), round(frame) + CROWDED_FRAMES + 1)
         places = np.where(self.states.present[..., None], self.states.location_world, np.nan)[:, around]
@@ -248,26 +255,26 @@ class PiecewiseMotion:
         return False
 
     def _unseen_nats(self, b: Break) -> float:
-        """Of the explanation that an object hit it whose centre is not in the image."""
+        """Evidence against a hit by an object centred outside the image (nats): 0 if it can be there, otherwise infinite."""
         other = b.place - 2 * OBJECT_RADIUS_WORLD * b.change / max(float(np.hypot(*b.change)), 1e-9)
         centre = self.states.camera.pixels(on_ground(other[None]))[0]
         size = self.states.camera.width, self.states.camera.height
         return np.inf if (centre > 0).all() and (centre < size).all() else 0.0
 
     def _solidity(self) -> Iterator[Evidence]:
-        """Against solidity: objects that are nearer to each other than they can be."""
+        """Find evidence against solidity: pairs of objects that are nearer to each other than is possible."""
         for i, mine in enumerate(self.stretches):
             for j in range(i):
                 overlaps = (self._overlap(one, other) for one in mine for other in self.stretches[j])
                 found = [e for e in overlaps if e is not None]
                 best = max(found, key=lambda e: e.nats, default=None)
                 if best is not None and best.nats > MIN_EVIDENCE:
-                    # While one hides the other, tracks are cut.
+                    # Tracks are cut while one object hides the other, so all overlaps are one violation.
                     yield best._replace(frame=min(e.frame for e in found), end=max(e.end for e in found))
 
     def _overlap(self, one: TrackStretch, other: TrackStretch) -> Evidence | None:
-        """Against solidity in two stretches; None where they do not overlap."""
-        # Near its ends a stretch may have been cut a frame too late.
+        """Evidence against solidity from two stretches; None if the objects do not overlap."""
+        # A stretch may have been cut a frame too late, so frames near its ends are left out.
         frames = np.arange(max(one.start, other.start) + 2.0, min(one.last, other.last) - 1.0)
         if not len(frames):
             return None
@@ -283,7 +290,7 @@ class PiecewiseMotion:
 
 
 def strongest(found: Iterable[Evidence]) -> list[Evidence]:
-    """The evidence without what stronger one near it explains, such as a collision's about either of its objects."""
+    """Remove evidence that stronger evidence about the same object near it explains. The strongest evidence is first."""
     kept: list[Evidence] = []
     for e in sorted(found, key=lambda e: -e.nats):
         explained = any(
@@ -298,11 +305,11 @@ class _Contact(NamedTuple):
     """How well a contact explains a change of motion.
 
     Attributes:
-        j: the other object.
-        gap: between the two (world units).
-        gap_nats: of the gap.
-        exchange_nats: of how both change; None where that is not seen.
-        restitution: speed of separation over speed of approach.
+        j: id of the other object.
+        gap: gap between the two objects (world units).
+        gap_nats: evidence against the contact from the gap (nats).
+        exchange_nats: evidence against it from the changes of both velocities (nats); None if these are not known.
+        restitution: ratio of separation speed to approach speed.
     """
 
     j: int
@@ -313,40 +320,45 @@ class _Contact(NamedTuple):
 
     @property
     def nats(self) -> float:
-        """Against the contact as the reason."""
+        """Evidence against the contact as the cause of the change (nats)."""
         return self.gap_nats + (self.exchange_nats or 0.0)
 
 
 def _is_opposite(one: Break, other: Break) -> bool:
-    """Whether another object's velocity surely changes, and in the opposite direction."""
+    """Whether there is evidence that the velocity of another object changes in the opposite direction."""
     kick = other.kick()
     return kick.nats > MIN_EVIDENCE and float(one.change @ other.change) < -MIN_ALONG * one.kick().size * kick.size
 
 
 def _distance(one: TrackStretch, other: TrackStretch, frames: FloatArray) -> FloatArray:
-    """(F,) between the centres of two objects (world units)."""
+    """(F,) distance between the centres of two objects (world units)."""
     return np.asarray(np.linalg.norm(one.position_at(frames) - other.position_at(frames), axis=1))
 
 
 def _distance_variance(one: TrackStretch, other: TrackStretch, frames: FloatArray) -> FloatArray:
-    """(F,) variance of that distance, and of the one at which they touch (world units²)."""
+    """(F,) variance of the distance between two objects minus the distance at which they touch (world units²)."""
     mine, others = (s.position_variance(frames, s.track.noise) for s in (one, other))
     return mine + others + REACH_NOISE_WORLD**2
 
 
 def _exchange(mine: Sequence[TrackStretch], other: Sequence[TrackStretch], frame: float) -> tuple[float, float]:
-    """Evidence against a lawful collision in how two objects change (nats), and the restitution that they show.
+    """Evidence against a lawful collision in the velocity changes of two objects (nats), and their coefficient of restitution.
 
-    The impulse on both is opposite, along the line from one to the other or nearly so, no larger than `MAX_RESTITUTION` allows,
-    and without cubes, which turn, no smaller than objects need that stick together; the ratio of the masses is free within
-    `MASS_RANGE`.
+    Under the laws, the impulses on both objects are opposite, within acos(`MIN_ALONG`) of the line of centres.
+    They are at most those of `MAX_RESTITUTION` and, unless one object is a cube, which may start to spin, at least those of a
+    perfectly inelastic collision. The masses are anything in `MASS_RANGE`.
+
+    Args:
+        mine: stretches of the first object before and after the collision.
+        other: stretches of the second object before and after the collision.
+        frame: frame of the collision.
     """
     at = np.array([frame])
     p, q = mine[0].position_at(at)[0], other[0].position_at(at)[0]
     (before, after), (other_before, other_after) = ([s.velocity_at(at)[0] for s in pair] for pair in (mine, other))
     change, other_change = after - before, other_after - other_before
     variance, other_variance = (
-        sum((s.velocity_variance(s.track.noise) for s in pair), VELOCITY_NOISE[pair[0].shape] ** 2)
+        sum((s.velocity_variance(s.track.noise) for s in pair), KICK_NOISE_WORLD_PER_S[pair[0].shape] ** 2)
         for pair in (mine, other)
     )
     away = (p - q) / max(float(np.hypot(*(p - q))), 1e-9)
@@ -354,14 +366,14 @@ def _exchange(mine: Sequence[TrackStretch], other: Sequence[TrackStretch], frame
     rotates = any(pair[0].shape == "cube" for pair in (mine, other))
     best = np.inf
     for ratio in MASS_RATIOS:
-        # The impulse that explains both changes best, then the nearest one that is allowed.
+        # The impulse (per mass of the first object) that explains both changes best, then the nearest one that is allowed.
         weight, other_weight = 1 / variance, ratio**2 / other_variance
         impulse = (weight * change - other_weight / ratio * other_change) / (weight + other_weight)
         size = float(np.hypot(*impulse))
         normal = impulse / size if size > 0 else away
         if normal @ away < MIN_ALONG:
             normal, size = away, max(float(impulse @ away), 0.0)
-        # The direction of a small impulse is not well known, and so neither is how fast the objects approach along it.
+        # The direction of a small impulse is not well known, and so neither is the approach speed along it.
         closing, across = -float(approach @ normal), float(np.hypot(*(approach - (approach @ normal) * normal)))
         off_by = 2 * across * min(float(min(variance, other_variance)) ** 0.5 / max(size, 1e-9), 1.0)
         least, most = (max(closing + sign * off_by, 0.0) / (1 + ratio) for sign in (-1, 1))

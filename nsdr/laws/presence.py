@@ -1,4 +1,4 @@
-"""What speaks against permanence and identity: objects that are not seen where they should be, and words that change."""
+"""Evidence against permanence and identity: objects that are not seen where they should be, and attributes that change."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -17,29 +17,30 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, on_ground
 from nsdr.world.vocabulary import attributes_of, differing_words
 
 SEEN_MARGIN_PX, COVERED_SHARE = 8.0, 0.3
-"""An object should be seen when its outline is so far inside the image, and nearer objects cover less than this of its box."""
+"""An object should be seen if its outline is at least this far inside the image (pixels) and nearer objects cover a smaller
+share of its box."""
 MAX_UNKNOWN_WORLD = 0.15
-"""Where an object is that is not seen must be known as well (standard deviation, world units)."""
+"""Largest standard deviation of the position of an object that should be seen (world units)."""
 MISSED_NATS = 2.0
-"""Evidence of each frame in which an object should be seen, but is not, or has another word."""
-PLACE_PX = 8.0
-"""A proposal so near to where an object was seen last is of the same thing (pixels)."""
-PLACE_WORLD = 0.3
-"""An object that turns up as near to the place of one that disappears takes its place (world units)."""
+"""Evidence of each frame in which an object should be seen but is not, or has another color, material or shape (nats)."""
+SAME_PLACE_PX = 8.0
+"""A proposal this near to the last position of an object shows the same object (pixels)."""
+SAME_PLACE_WORLD = 0.3
+"""An object that appears this near to one that disappears takes its place (world units)."""
 
 
 def presence(motion: PiecewiseMotion, processed: NDArray[np.bool_]) -> list[Evidence]:
-    """Against permanence; where one object takes another one's place, against identity.
+    """Find evidence against permanence, or against identity where one object takes the place of another.
 
     Args:
-        motion: motion of the tracks.
-        processed: (F,) the frames that were looked at.
+        motion: motion of the objects.
+        processed: (F,) bool, whether each frame was processed.
     """
     return _replaced(motion, list(_permanence(motion, processed)))
 
 
 def _permanence(motion: PiecewiseMotion, processed: NDArray[np.bool_]) -> Iterator[Evidence]:
-    """Against permanence: frames in which an object should be seen."""
+    """Find evidence against permanence: frames without a detection in which an object should be seen."""
     states = motion.states
     for i in range(len(motion.stretches)):
         seen = np.flatnonzero(states.detected[i])
@@ -49,7 +50,7 @@ def _permanence(motion: PiecewiseMotion, processed: NDArray[np.bool_]) -> Iterat
             (int(seen[-1]) + 1, motion.states.n_frames),
         ]
         for start, end in gaps:
-            # Counted from where it was seen: a place at the border or behind another object is a reason.
+            # Frames count from where the object was seen until it may be at the border or behind another object.
             order = range(end - 1, -1, -1) if start == 0 else range(start, end)
             missed = list(takewhile(partial(_should_be_seen, motion, i), (f for f in order if processed[f])))
             nats = len(missed) * MISSED_NATS * states.spacing_frames
@@ -59,7 +60,7 @@ def _permanence(motion: PiecewiseMotion, processed: NDArray[np.bool_]) -> Iterat
 
 
 def _should_be_seen(motion: PiecewiseMotion, i: int, frame: int) -> bool:
-    """Whether an object would be seen in a frame, if it went on as before."""
+    """Whether object i would be seen in a frame if its motion continued."""
     states = motion.states
     near = min(motion.stretches[i], key=lambda s: max(s.start - frame, frame - s.last))
     at = np.array([frame])
@@ -80,25 +81,25 @@ def _should_be_seen(motion: PiecewiseMotion, i: int, frame: int) -> bool:
         if _takes_place(motion, i, j) or _takes_place(motion, j, i):
             continue
         x0, y0, x1, y1 = states.box_xyxy_px[j, frame]
-        if y1 > high[1] - 2:  # nearer
+        if y1 > high[1] - 2:  # object j is nearer to the camera
             width, height = min(x1, high[0]) - max(x0, low[0]), min(y1, high[1]) - max(y0, low[1])
             covered += max(width, 0.0) * max(height, 0.0) / float(np.prod(high - low))
     return covered < COVERED_SHARE
 
 
 def _takes_place(motion: PiecewiseMotion, new: int, old: int) -> bool:
-    """Whether an object turns up where another one disappears."""
+    """Whether the object `new` appears where the object `old` disappears."""
     first = motion.stretches[new][0]
     near = motion.at(old, first.start)
     shown = slice(first.start, first.start + SAME_FRAMES)
     if first.start == 0 or near is None or motion.states.detected[old, shown].any():
         return False
     at = np.array([first.start])
-    return bool(np.hypot(*(near.position_at(at) - first.position_at(at))[0]) < PLACE_WORLD)
+    return bool(np.hypot(*(near.position_at(at) - first.position_at(at))[0]) < SAME_PLACE_WORLD)
 
 
 def _replaced(motion: PiecewiseMotion, found: list[Evidence]) -> list[Evidence]:
-    """Evidence against permanence; where one object takes another one's place, against identity."""
+    """Replace evidence against permanence by evidence against identity where one object takes the place of another."""
     objects = motion.states.objects
     result, used = [], set()
     for new, one in enumerate(motion.stretches):
@@ -118,26 +119,28 @@ def _replaced(motion: PiecewiseMotion, found: list[Evidence]) -> list[Evidence]:
 def renamed(
     found: list[Evidence], tracks: VideoTracks, proposals: VideoProposals, processed: NDArray[np.bool_]
 ) -> list[Evidence]:
-    """The evidence, where an object that vanishes or turns up is seen on with other words as evidence against identity.
+    """Replace evidence against permanence by evidence against identity if the object is seen there with another attribute.
 
-    The tracker takes two objects of which one rests where the other one did for one that has wrong words at times.
+    If one object takes the place of another at rest, the tracker sees one object, some of whose detections have wrong
+    attributes.
 
     Args:
-        found: against permanence and identity.
-        tracks: of the video.
-        proposals: from which they were made.
-        processed: (F,) the frames that were looked at.
+        found: evidence against permanence and identity.
+        tracks: tracks of the video.
+        proposals: proposals from which the tracks were made.
+        processed: (F,) bool, whether each frame was processed.
     """
     return [_renamed(e, tracks, proposals, processed) if e.law == "permanence" else e for e in found]
 
 
 def _renamed(e: Evidence, tracks: VideoTracks, proposals: VideoProposals, processed: NDArray[np.bool_]) -> Evidence:
+    """Apply `renamed` to evidence against permanence."""
     track = tracks.tracks[e.objects[0]]
-    if e.frame == e.end:  # it turns up
+    if e.frame == e.end:  # it appears
         beside, k = int(np.flatnonzero(processed[: e.frame])[-1]), 0
     else:
         beside, k = e.frame, int(np.searchsorted(track.frame_index, e.frame)) - 1
-    near = np.linalg.norm(proposals.centroid_px - track.centroid_px[k], axis=1) < PLACE_PX
+    near = np.linalg.norm(proposals.centroid_px - track.centroid_px[k], axis=1) < SAME_PLACE_PX
     own, attributes = track.object.name, proposals.attribute[near & (proposals.frame_index == beside)].tolist()
     differing = [(differing_words(own.split(), attributes_of(a)), " ".join(attributes_of(a))) for a in attributes]
     n, other = max(differing, default=(0, ""))
@@ -146,9 +149,10 @@ def _renamed(e: Evidence, tracks: VideoTracks, proposals: VideoProposals, proces
 
 
 def other_words(motion: PiecewiseMotion, tracks: VideoTracks, proposals: VideoProposals) -> Iterator[Evidence]:
-    """Against identity: reliable frames in a row in which an object has another word than in most.
+    """Find evidence against identity: consecutive reliable detections of an object with other attributes than in most frames.
 
-    It changes in the first of these frames, or after the last one where it looks like that from its first frame on.
+    The object changes in the first of these frames. If it has had the other attributes from its first frame on, it changes
+    after the last of them.
     """
     for t in tracks.tracks:
         own, found = t.object.name, detected_attributes(t, proposals)

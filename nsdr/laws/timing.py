@@ -1,7 +1,7 @@
-"""When each frame of a video was taken, where that is not what its frame rate says.
+"""The times at which the frames of a video were taken, if they differ from what its frame rate says.
 
-A copy at another frame rate often leaves frames out, or shows frames again: then all moving objects jump or pause together, by
-whole frames of the original. A picture may also stand still while something should move.
+A copy at another frame rate often leaves out frames or repeats them. Then all moving objects jump or pause together, by whole
+frames of the original. A video may also stand still while something should move.
 """
 
 from dataclasses import dataclass, replace
@@ -19,46 +19,48 @@ from nsdr.validation import FloatArray, IntArray
 from nsdr.world.physics_constants import FPS
 
 STEP_NOISE_WORLD, STEP_NOISE_SHARE = 0.0045, 0.035
-"""Standard deviation of each coordinate of a step from one frame to the next: this, and this share of the step (world units).
-Measured on 22 scenes of `train` against the mean velocity of the 6 frames on either side: 0.0046 at 0.015 world units per
+"""Standard deviation of each coordinate of a step from one frame to the next: a constant (world units) plus a share of the
+step. Measured on 22 scenes of `train` against the mean velocity of the 6 frames on either side: 0.0046 at 0.015 world units per
 frame, 0.0053 at 0.03, 0.007 at 0.08."""
 VELOCITY_FRAMES = 6
-"""Frames on either side of a step that tell the velocity."""
+"""Number of frames on each side of a step from which velocities are computed."""
 RATES = (24.0, 24000 / 1001, 30000 / 1001, 30.0, 50.0, 60.0, 20.0, 15.0, 12.5, 12.0, 10.0, 25 / 3, 8.0)
-"""Frame rates that a copy may have had on its way (frames per second)."""
+"""Possible frame rates of an intermediate copy (frames per second)."""
 PHASES, FINE_PHASES = (tuple((np.arange(n) + 0.5) / n) for n in (25, 100))
-"""When a copy's first frame was taken, within a frame of what it was copied from (frames): of copies of copies, and of
-others."""
+"""Possible times of the first frame of a copy within a frame of its original (frames): for copies of copies, and for direct
+copies."""
 MIN_GAIN_NATS = 10.0
-"""A video is a copy of another rate if this explains the steps so much better (nats). Of 22 lawful scenes of `train` at 25
-frames a second none gains more than 3; at 24 a second with one frame in 25 missing, none less than 20."""
+"""A video is a copy from another rate if this explains the steps better by at least this (nats). Of 22 lawful scenes of `train`
+at 25 frames per second, none gains more than 3; at 24 per second, with one frame in 25 missing, none gains less than 20."""
 CHAIN_NATS = 5.0
-"""A copy of a copy must explain the steps better by so much (nats)."""
+"""A copy of a copy must explain the steps better than a direct copy by at least this (nats)."""
 MIN_STILL_FRAMES = 4.0
-"""A standstill lasts at least so long; shorter ones are frames that are shown again (frames)."""
+"""Shortest duration of a standstill (frames). Shorter ones are repeated frames."""
 MIN_STILL_NATS = 10.0
-"""Less evidence of a standstill is none (nats): of 145 lawful scenes of `train` three have some, of 5 to 7."""
+"""Weaker evidence of a standstill is ignored (nats). Of 145 lawful scenes of `train`, three have such evidence, of 5 to 7."""
 SAME_NATS = 2.0
-"""Where a standstill begins and ends, each frame counts so much (nats)."""
+"""Bonus for each frame when the start and end of a standstill are chosen (nats)."""
 MOVED_NATS = 20.0
-"""What moves by so much does not stand still (nats)."""
+"""Evidence of motion that rules out a standstill (nats)."""
 MAX_STANDSTILLS = 4
-"""Most standstills that are looked for in a video."""
+"""Largest number of standstills that are searched for in a video."""
 ROUNDING, TINY = 1e-6, 1e-12
-"""Times are known so well (frames); the least square of a distance that is divided by (world units²)."""
+"""Rounding error of times (frames), and smallest squared distance that is divided by (world units²)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """When the frames of a video were taken.
+    """The times at which the P processed frames of a video were taken.
+
+    A slot is a frame of a video at 25 frames per second.
 
     Attributes:
         n_frames: number of frames of the video.
-        shown: (P,) the frames that were processed.
-        slot: (P,) the frame of 25 per second that each of them is, in ascending order; equal for the same picture.
-        late: (P,) how much later it was taken (frames).
-        evidence: of standstills.
-        notes: what a user should know of it.
+        shown: (P,) int, frame numbers of the processed frames.
+        slot: (P,) int, the slot of each processed frame, in ascending order; repeated frames have the same slot.
+        late: (P,) delay of each processed frame relative to its slot (frames).
+        evidence: evidence of standstills.
+        notes: what a user should know about the timing.
     """
 
     n_frames: int
@@ -70,16 +72,16 @@ class Timing:
 
     @property
     def _own_frames(self) -> int:
-        """Number of frames at their own times."""
+        """Number of slots."""
         return int(self.slot[-1]) + self.n_frames - int(self.shown[-1])
 
     @property
     def _first(self) -> IntArray:
-        """Indices of the first frame with each picture."""
+        """Indices of the first processed frame in each slot."""
         return np.unique(self.slot, return_index=True)[1]
 
     def tracks(self, tracks: VideoTracks) -> VideoTracks:
-        """Tracks at the times at which the frames were taken: positions between frames lie on straight lines."""
+        """Tracks with slots as frames. Positions of delayed frames are interpolated linearly."""
         slot = np.full(self.n_frames, -1)
         slot[self.shown] = self.slot
         late = np.zeros(self._own_frames)
@@ -88,7 +90,7 @@ class Timing:
         return replace(tracks, n_frames=self._own_frames, tracks=moved)
 
     def proposals(self, proposals: VideoProposals) -> VideoProposals:
-        """Proposals at those times, each picture once."""
+        """Proposals with slots as frames, each slot once."""
         slot = np.full(self.n_frames, -1)
         slot[self.shown[self._first]] = self.slot[self._first]
         rows = np.flatnonzero(slot[proposals.frame_index] >= 0)
@@ -104,19 +106,20 @@ class Timing:
         )
 
     def as_shown(self, e: Evidence) -> Evidence:
-        """Evidence with frames of the video in place of frames at their own times."""
+        """Evidence with frames of the video in place of slots."""
         frame, end = self._shown(e.frame), self._shown(e.end)
         is_time = e.unit == "frames" and e.end > e.frame
         amount = e.amount * (end - frame) / (e.end - e.frame) if is_time else e.amount
         return e._replace(frame=frame, end=end, amount=amount)
 
     def _shown(self, slot: int) -> int:
+        """The first processed frame from a slot on, or the end of the video."""
         k = int(np.searchsorted(self.slot, slot))
         return int(self.shown[k]) if k < len(self.slot) else self.n_frames
 
 
 def _first_of(t: Track, slot: IntArray) -> Track:
-    """A track's first detection of each picture."""
+    """A track with slots as frames and the first detection in each slot; `slot` (N,) has the slots of its detections."""
     slots, rows = np.unique(slot, return_index=True)
     names = ("location_world", "centroid_px", "box_xyxy_px", "score")
     arrays: dict[str, Any] = {name: getattr(t, name)[rows] for name in names}
@@ -124,6 +127,7 @@ def _first_of(t: Track, slot: IntArray) -> Track:
 
 
 def _on_time(t: Track, late: FloatArray) -> Track:
+    """A track with positions interpolated from delayed frames to their slots; `late` has the delay in each slot."""
     frames, location = t.frame_index, t.location_world
     if len(frames) < 2 or not late[frames].any():
         return t
@@ -136,12 +140,12 @@ def _on_time(t: Track, late: FloatArray) -> Track:
 
 
 def timing_of(tracks: VideoTracks, processed: IntArray, late: FloatArray) -> Timing:
-    """When the frames of a video were taken, by its frame rate and by the common steps of its objects.
+    """Find the times at which the frames of a video were taken, from its frame rate and the common steps of its objects.
 
     Args:
-        tracks: of the video, as it is shown.
-        processed: (P,) frames that were processed.
-        late: (F,) how much later each frame was taken than at 25 per second, by the video's own rate (frames).
+        tracks: tracks of the video.
+        processed: (P,) int, frames that were processed.
+        late: (F,) delay of each frame, by the frame rate of the video, relative to a video at 25 frames per second (frames).
     """
     said, slot = processed + late[processed], processed
     pattern: IntArray | None = None
@@ -157,9 +161,9 @@ def timing_of(tracks: VideoTracks, processed: IntArray, late: FloatArray) -> Tim
         a, b, nats = still
         first, end = int(processed[a]), int(processed[b]) + 1
         stills.append(Evidence("standstill", every, first, end, end - first, "frames", nats))
-        # Nothing is taken while time stands still.
+        # No time passes during a standstill.
         said, slot = (np.where(order < b, np.minimum(t, t[a]), t - t[b] + t[a]) for t in (said, slot))
-    else:  # the pattern is that before the last standstill
+    else:  # the last pattern did not take the last standstill into account
         pattern = steps.pattern(said)
     if pattern is None:
         return Timing(tracks.n_frames, processed, slot, said - slot, tuple(stills))
@@ -169,12 +173,12 @@ def timing_of(tracks: VideoTracks, processed: IntArray, late: FloatArray) -> Tim
 
 
 def copy_notes(taken: int, shown: int, again: int) -> tuple[str, ...]:
-    """What a user should know of a copy at another rate.
+    """Notes on a copy at another frame rate.
 
     Args:
-        taken: frames of the original.
-        shown: how many of them the copy shows.
-        again: how many it shows once more.
+        taken: number of frames of the original.
+        shown: number of them that the copy shows.
+        again: number of frames that the copy repeats.
     """
     parts = []
     if shown < taken:
@@ -187,25 +191,29 @@ def copy_notes(taken: int, shown: int, again: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """The steps of all objects from one processed frame to the next.
+    """The steps of all n objects from one processed frame to the next.
 
     Attributes:
-        location: (n, P, 2) reliable positions; others are NaN (world units).
+        location: (n, P, 2) reliable positions (world units); NaN for all others.
     """
 
     location: FloatArray
 
     def pattern(self, said: FloatArray) -> IntArray | None:
-        """The frame of the original (P,), from 0 on, that each frame is, if the video is a copy at another rate.
+        """If the video is a copy from another rate, the frame (P,) of the original, from 0 on, that each processed frame shows.
 
         Args:
-            said: (P,) when each frame was taken by the video's rate (frames).
+            said: (P,) times of the frames by the frame rate of the video (frames).
+
+        Returns:
+            The frames; None if the video is no such copy.
         """
         slots, more_nats = _patterns((said - said[0]).tobytes())
         step, (before, after) = np.diff(self.location, axis=1), self._velocities(said)
         before, after = before[:, :-1], after[:, 1:]
 
         def cost(frames: Any) -> FloatArray:
+            """Evidence (P - 1,) against steps over a number of frames."""
             return _off_nats(step, frames * before, frames * after)
 
         by_frames = np.stack([cost(frames) for frames in range(np.diff(slots, axis=1).max() + 1)], 1)
@@ -215,10 +223,13 @@ class _Steps:
         return best if gain > MIN_GAIN_NATS else None
 
     def standstill(self, taken: FloatArray) -> tuple[int, int, float] | None:
-        """First and last index of frames that show the same while something should move, and the evidence of it (nats).
+        """Find the strongest standstill: frames that do not change although something should move.
 
         Args:
-            taken: (P,) when each frame was taken (frames).
+            taken: (P,) times at which the frames were taken (frames).
+
+        Returns:
+            Indices of the first and last of the frames, and the evidence (nats); None if there is no standstill.
         """
         before, after = self._velocities(taken)
         best, most = (0, 0, 0.0), MIN_STILL_NATS
@@ -230,7 +241,7 @@ class _Steps:
             ends = ends[stays[ends - a] < MOVED_NATS]
             if not moves.any() or not len(ends):
                 continue
-            # An object of which the velocity afterwards is not known may have come to rest.
+            # An object whose velocity afterwards is not known may have come to rest.
             known = moves[:, None, None] & np.isfinite(after[:, ends])
             low = np.where(known, since[ends, None] * before[:, a : a + 1], np.nan)
             gains = _off_nats(moved[:, ends], low, since[ends, None] * after[:, ends]) - stays[ends - a]
@@ -241,7 +252,7 @@ class _Steps:
         return best if best[1] else None
 
     def _velocities(self, taken: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Velocities (n, P, 2) before and after each frame (world units per frame); NaN where they are not known."""
+        """Velocities (n, P, 2) before and after each frame (world units/frame); NaN where they are not known."""
         x, every = self.location, np.arange(len(taken))
         first = np.searchsorted(taken, taken - VELOCITY_FRAMES + ROUNDING, side="right") - 1
         last = np.searchsorted(taken, taken + VELOCITY_FRAMES - ROUNDING)
@@ -254,7 +265,10 @@ class _Steps:
 
 
 def _off_nats(moved: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Evidence (K,) against displacements (n, K, 2) between two expected ones, of which one or both may be NaN (nats)."""
+    """Evidence (K,) against displacements (n, K, 2) (nats).
+
+    The expected displacement is any on the line from `low` to `high` (n, K, 2). One or both of these may be NaN.
+    """
     low, high = np.where(np.isnan(low), high, low), np.where(np.isnan(high), low, high)
     along = high - low
     share = ((moved - low) * along).sum(-1) / np.maximum((along**2).sum(-1), TINY)
@@ -265,16 +279,16 @@ def _off_nats(moved: FloatArray, low: FloatArray, high: FloatArray) -> FloatArra
 
 
 def _nats(off: FloatArray, noise: FloatArray | float) -> FloatArray:
-    """Evidence (K,) against distances (n, K, 2), of all objects together; NaN count for nothing (nats)."""
+    """Evidence (K,) of all objects together against deviations (n, K, 2) of this noise (nats). NaN values are ignored."""
     return np.asarray(np.nansum(costs((off**2).sum(-1), 1.0, noise), axis=0))
 
 
 @lru_cache(maxsize=8)
 def _patterns(said: bytes) -> tuple[IntArray, FloatArray]:
-    """Frames of the original (C, P) that copies at other rates show, and by how many nats (C,) each must be better.
+    """Frames (C, P) of the original that C possible copies at other rates show, and the penalty (C,) of each (nats).
 
     Args:
-        said: (P,) times of the copy's frames, as bytes of 64-bit numbers (frames).
+        said: (P,) times of the frames of the copy (frames), as the bytes of 64-bit floats.
     """
     taken = np.frombuffer(said)
     found: dict[bytes, float] = {}
@@ -286,6 +300,6 @@ def _patterns(said: bytes) -> tuple[IntArray, FloatArray]:
 
 
 def _counted(taken: FloatArray) -> bytes:
-    """The frames (P,) that are shown at times, counted from the first one."""
+    """The frames (P,) of the original at times (P,), relative to the first of them, as the bytes of 64-bit integers."""
     frames = np.floor(taken + ROUNDING).astype(np.int64)
     return (frames - frames[0]).tobytes()
