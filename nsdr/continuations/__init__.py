@@ -1,4 +1,4 @@
-"""Continuations of videos by video models, beside what really follows, what could follow, and simple predictions."""
+"""Continuations of videos by video models, compared with the true future, possible futures and baselines."""
 
 VERSION = 2
-"""Of the scores; `nsdr.io.fingerprint` says when to raise it."""
+"""Version of the scores; `nsdr.io.fingerprint` says when it is raised."""

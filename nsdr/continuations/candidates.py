@@ -1,4 +1,4 @@
-"""Continuations: what a video shows after the cut, what baselines predict from the frames before it, and runs of Bullet."""
+"""Sources of continuations: a video after the cut, baselines that see the frames before it, and runs of Bullet."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,32 +27,34 @@ from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.vocabulary import attributes_of, differing_words
 
 SAME_OBJECT_WORLD = 2 * OBJECT_RADIUS_WORLD
-"""Over the given frames, a track is an object of the truth when it is nearer to it than an object's width (world units)."""
+"""A track is an object of the truth if their median distance in the given frames is below this, the width of an object (world
+units)."""
 OTHER_WORD_WORLD = 0.1
-"""Each word in which they differ counts as so much distance (world units)."""
-HIDDEN_FRAMES = 12
-"""So long after and before its detections an object counts as found between them: another one may hide it (frames)."""
+"""Distance that is added for each differing word (color, material or shape) when tracks are matched to objects (world
+units)."""
+BRIDGED_FRAMES = 12
+"""Between two detections, an object counts as found within this many frames of either, because another object may hide it."""
 MIN_KNOWN_SHARE = 0.5
-"""A video in whose given frames fewer of the known objects are found shows other frames than those that were given (0-1)."""
+"""If a smaller share of the known objects is found in the given frames, the video does not start with the given frames."""
 BACKENDS = {"PropNet": "state", "fitted simulator": "physics"}
-"""Baselines that are backends of `nsdr.dynamics`."""
+"""Baselines that are dynamics backends: name in the table -> name of the backend."""
 BASELINES = ("last frame frozen", "constant velocity", *BACKENDS)
-"""Predictions from the given frames that ship with the package."""
+"""Names of all baselines, which predict the future from the given frames."""
 
 
 def perceived(
     proposals: VideoProposals, tracks: VideoTracks, collisions: Sequence[Event], truth: TrueFuture
 ) -> Continuation:
-    """What a video shows after the cut.
+    """Make the continuation that a video shows after the cut.
 
     Args:
-        proposals: of the video's frames; at least as many as there are given and asked for.
-        tracks: made of them.
-        collisions: seen in the video, with the ids of the tracks.
-        truth: what really follows.
+        proposals: proposals in the frames of the video, up to the last frame of the truth or further.
+        tracks: tracks made from the proposals.
+        collisions: collisions in the video, with the ids of the tracks.
+        truth: the true future.
 
     Raises:
-        VideoError: the given frames do not show the truth's objects.
+        VideoError: the given frames do not show the objects of the truth.
     """
     cut, end = truth.cut, truth.cut + truth.location_world.shape[1]
     states = states_from_tracks(tracks)
@@ -64,7 +66,7 @@ def perceived(
     if len(found) < MIN_KNOWN_SHARE * len(known):
         names = ", ".join(truth.objects[i].name for i in known if i not in ids)
         raise VideoError(f"the first {cut} frames do not show {names}, so they are not those of the truth's video")
-    reach = np.ones((1, 2 * HIDDEN_FRAMES + 1), bool)
+    reach = np.ones((1, 2 * BRIDGED_FRAMES + 1), bool)
     seen = (binary_dilation(states.detected, reach) & states.present)[:, cut:end]
     location = _by_truth(np.where(seen[..., None], states.location_world[:, cut:end], np.nan), ids, truth)
     same = np.full(location.shape[:2], -1, np.int8)
@@ -75,7 +77,7 @@ def perceived(
 
 
 def _words(proposals: VideoProposals, tracks: VideoTracks) -> NDArray[np.int64]:
-    """(tracks, frames) attribute index of each detection by itself; -1 where there is none."""
+    """(tracks, frames) int, attribute index of each single detection; -1 without a detection."""
     words = np.full((len(tracks.tracks), tracks.n_frames), -1)
     for row, t in zip(words, tracks.tracks, strict=True):
         row[t.frame_index] = detected_attributes(t, proposals)
@@ -83,18 +85,21 @@ def _words(proposals: VideoProposals, tracks: VideoTracks) -> NDArray[np.int64]:
 
 
 def _most(words: NDArray[np.int64]) -> int:
-    """The most frequent of the words of some frames; -1 where there are none."""
+    """The most frequent attribute index in a sequence; -1 if it has none."""
     values, counts = np.unique(words[words >= 0], return_counts=True)
     return int(values[counts.argmax()]) if len(values) else -1
 
 
 def _ids(tracks: VideoTracks, words: Sequence[int], truth: TrueFuture) -> dict[int, int]:
-    """Number of the track of each object of the truth, by its id, as far as they were found in the given frames.
+    """Match tracks to the objects of the truth in the given frames.
 
     Args:
-        tracks: of a video, or of its given frames.
-        words: of each track in the given frames; -1 where it has none.
-        truth: what really follows.
+        tracks: tracks of a video or of its given frames.
+        words: attribute index of each track in the given frames; -1 for a track without detections there.
+        truth: the true future.
+
+    Returns:
+        The index of the track of each object that was found, by the id of the object.
     """
     cost = np.full((len(truth.objects), len(tracks.tracks)), np.inf)
     for k, t in enumerate(tracks.tracks):
@@ -112,7 +117,7 @@ def _ids(tracks: VideoTracks, words: Sequence[int], truth: TrueFuture) -> dict[i
 
 
 def _by_truth(location_world: FloatArray, ids: dict[int, int], truth: TrueFuture) -> FloatArray:
-    """Positions of tracks by the truth's ids, NaN where there are none."""
+    """Positions of tracks in the order of the objects of the truth; NaN for objects without a track."""
     location = np.full(truth.location_world.shape, np.nan)
     for i, k in ids.items():
         location[i] = location_world[k]
@@ -120,7 +125,7 @@ def _by_truth(location_world: FloatArray, ids: dict[int, int], truth: TrueFuture
 
 
 def _renamed(collisions: Sequence[Event], ids: dict[int, int]) -> tuple[Event, ...]:
-    """Collisions of tracks with the truth's ids; others are left out."""
+    """Collisions of tracks with the ids of the truth. Those of tracks without an object are left out."""
     of_track = {k: i for i, k in ids.items()}
     named = [e for e in collisions if all(k in of_track for k in e.objects)]
     return tuple(Event("collision", e.frame, tuple(sorted(of_track[k] for k in e.objects))) for e in named)
@@ -129,15 +134,15 @@ def _renamed(collisions: Sequence[Event], ids: dict[int, int]) -> tuple[Event, .
 def baselines(
     proposals: VideoProposals, config: TrackerConfig, camera: Camera, weights: Path, truth: TrueFuture, device: str
 ) -> dict[str, Continuation]:
-    """What each of `BASELINES` predicts.
+    """Make the prediction of each of `BASELINES`.
 
     Args:
-        proposals: of the truth's video; the given frames are read alone.
-        config: of the tracker.
+        proposals: proposals of the true video; only those in the given frames are read.
+        config: thresholds of the tracker.
         camera: the camera that took the video.
-        weights: checkpoint of the backends.
-        truth: what really follows.
-        device: where the backends' networks run, as in `Pipeline.from_pretrained`.
+        weights: folder of the checkpoint of the backends.
+        truth: the true future.
+        device: device on which the networks of the backends run, as in `Pipeline.from_pretrained`.
 
     Raises:
         VideoError: no object is found in the given frames.
@@ -169,12 +174,13 @@ def baselines(
 
 @lru_cache(maxsize=4)
 def _backend(weights: Path, name: str, device: str) -> Any:
+    """A dynamics backend on a device, loaded once per process."""
     backend: Any = load_backend(weights, name)
     return backend.to(str(resolve_device(device)))
 
 
 def _meetings(location_world: FloatArray, cut: int) -> list[Event]:
-    """The frame at which each pair comes nearer than an object's width."""
+    """Collisions of pairs in the first frame in which their centres are nearer than the width of an object."""
     events = []
     for i, j in combinations(range(len(location_world)), 2):
         near = np.linalg.norm(location_world[i] - location_world[j], axis=-1) < 2 * OBJECT_RADIUS_WORLD
@@ -186,14 +192,14 @@ def _meetings(location_world: FloatArray, cut: int) -> list[Event]:
 def bullet_runs(
     document: Any, truth: TrueFuture, error_world: float, runs: int, physics: BulletConfig
 ) -> list[Continuation]:
-    """Bullet from the states in the last given frame, each time with other errors.
+    """Run Bullet several times from the states in the last given frame, each time with different random errors.
 
     Args:
         document: content of the truth file.
-        truth: what really follows.
-        error_world: of positions, as in `nsdr.generate.physics.disturbed.disturbed` (world units).
+        truth: the true future.
+        error_world: error of positions, as in `nsdr.generate.physics.disturbed.disturbed` (world units).
         runs: number of runs.
-        physics: of the scene.
+        physics: settings of the physics of the scene.
     """
     start, frames = truth.cut - 1, truth.location_world.shape[1]
     states, shapes = states_at(document, start), [o.shape for o in truth.objects]

@@ -1,4 +1,4 @@
-"""`compare_videos`: a folder of continuations beside the truth of a generated data set."""
+"""`compare_videos`: the comparison of a folder of continuations with the truth of a generated data set."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -45,25 +45,26 @@ from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS
 
 MIN_FOLLOWING_FRAMES = 8
-"""A video with fewer frames after the cut is too short to say anything (frames)."""
+"""Smallest number of frames after the cut in a video that is scored."""
 GENERATED, TRUTH = "generated videos", "truth, as perceived"
+"""Rows of the table for the continuations, and for the true videos as seen by the same perception."""
 FLOORS = {"Bullet, known to 0.001": 0.001, "Bullet, known to 0.01": 0.01}
-"""Rows of Bullet's runs, by the errors of the positions (world units) in the last given frame. The last one's runs are the
-futures that are possible: so well a video shows where its objects are."""
+"""Rows of the table for runs of Bullet, with the errors of positions in the last given frame (world units). The runs of the
+last row are the possible futures, because a video shows positions with about this error."""
 ROWS = (GENERATED, TRUTH, *FLOORS, *BASELINES)
-"""Rows of the table."""
+"""Names of all rows of the table."""
 BY_FRAME = ("error", "nearest", "log_likelihood", "missing", "identity")
-"""Measures that are given by frame, too."""
+"""Names of the measures that are also reported by frame."""
 
 
 @dataclass(frozen=True)
 class _Video:
-    """Files of one video.
+    """The files of one video.
 
     Attributes:
-        truth: truth file.
-        seen: the truth's video or, where there is none, its proposals.
-        generated: the continuation.
+        truth: path of the truth file.
+        seen: path of the true video or, if there is none, of its proposals.
+        generated: path of the continuation.
     """
 
     truth: Path
@@ -73,7 +74,7 @@ class _Video:
 
 @dataclass(frozen=True)
 class _Settings:
-    """What the scores depend on beside the files."""
+    """All settings that the scores depend on."""
 
     given_frames: int
     runs: int
@@ -97,27 +98,27 @@ def compare_videos(
     workers: int = 0,
     device: str = "auto",
 ) -> dict[str, Any]:
-    """Score continuations of a data set's videos; those that an earlier run scored are kept.
+    """Score continuations of the videos of a data set. Scores of an earlier run are kept.
 
     Args:
-        truth: data set of `nsdr generate dataset`.
-        generated: folder with a `video_N.mp4` for videos of the data set, named as they are: at 25 frames per second, the given
-            frames first.
-        output: folder for the scores, one file a video.
+        truth: folder of a data set made by `nsdr generate dataset`.
+        generated: folder with continuations, named `video_N.mp4` like the videos of the data set, at 25 frames per second and
+            starting with the given frames.
+        output: folder for the scores, one file for each video.
         given_frames: number of frames that the video model was given.
-        runs: of Bullet, with each of the errors of `FLOORS`.
-        split: the videos that are expected; "" for those of all splits.
-        checkpoint: weights.
-        settings: of perception; None for the defaults. The camera is the data set's.
+        runs: number of runs of Bullet with each of the errors in `FLOORS`.
+        split: split whose videos are compared; "" for all splits.
+        checkpoint: checkpoint with the weights.
+        settings: settings of perception; None for the defaults. The camera is that of the data set.
         engine, workers: see `nsdr.io.tasks.run_tasks`.
-        device: where the networks of every process run, as in `Pipeline.from_pretrained`.
+        device: device on which the networks of every process run, as in `Pipeline.from_pretrained`.
 
     Returns:
-        The report: `table` by row and measure (`value`, 95 % `interval` or None, number of `videos`), `curves` of the measures
-        by frame after the cut, `videos` with the values of each, and `not_scored`, the reasons by the video's name.
+        The report: `table` by row and measure (`value`, 95 % `interval` or None, number of `videos`), `curves` of measures by
+        frame after the cut, `videos` with the values of each video, and `not_scored` with the reason for each video.
 
     Raises:
-        DataError: `truth` is no such data set, PyBullet is not installed, or no video could be scored.
+        DataError: `truth` is not a generated data set, PyBullet is not installed, or no video could be scored.
     """
     check_installed("pybullet", "the possible futures need PyBullet", "generate")
     if given_frames < 2 or runs < 2:
@@ -154,7 +155,7 @@ def compare_videos(
 def _settings(
     root: Path, given_frames: int, runs: int, pipeline: PipelineConfig, checkpoint: str, device: str
 ) -> _Settings:
-    """Settings with what the data set's manifest says. Videos are not refused for their looks: these are the model's errors."""
+    """Settings completed from the manifest of the data set. No video is refused for its looks, which are the model's errors."""
     manifest = CLEVRER(root).manifest
     if manifest is None:
         raise DataError(f"{root}: has no manifest.json; expected a data set of `nsdr generate dataset`")
@@ -164,7 +165,7 @@ def _settings(
 
 
 def _videos(root: Path, generated: Path, split: str) -> tuple[dict[str, _Video], dict[str, str]]:
-    """Videos of the truth that have a continuation, and why the others have none, by name."""
+    """By name, the videos of the truth that have a continuation, and the reasons why the others are not compared."""
     truths = find_files(root / "truth" / split, "truth_*.json")
     if not truths:
         raise DataError(f"{root / 'truth' / split}: holds no truth_*.json")
@@ -190,7 +191,7 @@ def _videos(root: Path, generated: Path, split: str) -> tuple[dict[str, _Video],
 
 
 def _compare(settings: _Settings, video: _Video, output: Path) -> None:
-    """Write the sums of every row about one video."""
+    """Write the sums of every row for one video to `output`."""
     document, cut = read_truth_file(video.truth), settings.given_frames
     if "violation" in document:
         raise DataError(f"{video.truth}: breaks a law, so what follows is not known")
@@ -229,13 +230,14 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
 
 
 def _proposals(pipeline: Pipeline, path: Path) -> VideoProposals:
-    """Of a video, beyond jumps that look like cuts, or of a file."""
+    """Proposals of a video, including frames after jumps that look like cuts, or proposals read from a file."""
     if path.suffix != ".mp4":
         return read_proposals(path)
     return pipeline.proposals(path)[0]
 
 
 def _perceived(p: Perception, true: TrueFuture) -> Continuation:
+    """The continuation that a perceived video shows."""
     assert p.proposals is not None
     assert p.tracks is not None
     collisions = [e for e in p.scene.events if e.kind == "collision"]
@@ -243,16 +245,18 @@ def _perceived(p: Perception, true: TrueFuture) -> Continuation:
 
 
 def _summed(sums: Sums) -> dict[str, float]:
+    """The sums over all frames."""
     return {name: sum(value) if isinstance(value, list) else value for name, value in sums.items()}
 
 
 def _value(measure: Measure, sums: Mapping[str, Any]) -> float | None:
+    """The value of a measure; None if its denominator is 0."""
     above, below = float(measure.above(sums)), float(measure.below(sums))
     return above / below if below else None
 
 
 def _measured(videos: Sequence[Sums]) -> dict[str, dict[str, Any]]:
-    """Each measure of a row, over all videos."""
+    """Each measure of a row over all videos, with its 95 % interval and the number of videos."""
     summed = [_summed(one) for one in videos]
     table = {}
     for name, measure in MEASURES.items():
@@ -260,7 +264,7 @@ def _measured(videos: Sequence[Sums]) -> dict[str, dict[str, Any]]:
         n, value = int((below > 0).sum()), _value(measure, add(summed))
         intervals = [ratio_interval(above, below)] if n > 1 else []
         if measure.is_share and value is not None:
-            # Frames and pairs of one video are not independent, so as many trials as there are videos.
+            # Frames and pairs of one video are not independent, so the number of trials is that of videos.
             intervals += [wilson_interval(value, n), (value, value)]
         interval = (min(low for low, _ in intervals), max(high for _, high in intervals)) if intervals else None
         table[name] = {"value": value, "interval": interval, "videos": n}
@@ -268,7 +272,7 @@ def _measured(videos: Sequence[Sums]) -> dict[str, dict[str, Any]]:
 
 
 def _curves(sums: Sums) -> dict[str, list[float | None]]:
-    """Measures by frame after the cut; None where nothing is known."""
+    """Measures by frame after the cut; None where the denominator is 0."""
     curves = {}
     for name in BY_FRAME:
         above, below = np.broadcast_arrays(MEASURES[name].above(sums), MEASURES[name].below(sums))
@@ -279,5 +283,6 @@ def _curves(sums: Sums) -> dict[str, list[float | None]]:
 
 
 def _row(name: str, video: _Video, scored: Mapping[str, Any]) -> dict[str, Any]:
+    """The entry of a video in the report."""
     values = {row: {m: _value(MEASURES[m], _summed(sums)) for m in MEASURES} for row, sums in scored["rows"].items()}
     return {"name": name, **{k: str(v) for k, v in asdict(video).items()}, **scored, "rows": values}

@@ -1,4 +1,4 @@
-"""What `nsdr compare-videos` writes beside the scores: a table, curves over the frames after the cut, and a page."""
+"""Reports of `nsdr compare-videos`: a table, curves over the frames after the cut, and an HTML page."""
 
 import html
 from collections.abc import Mapping, Sequence
@@ -17,33 +17,35 @@ from nsdr.visualize.figures import figure_png, new_figure
 from nsdr.visualize.html_parts import figure_html, jpeg, write_page
 
 TITLE = "Continuations of videos"
+"""Title of the page."""
 WORST = 5
-"""Videos that are shown on the page."""
+"""Number of videos that the page shows, those with the largest errors."""
 SHOWN_FRAMES = 4
-"""Frames of each, evenly spaced after the cut, up to the last one."""
+"""Number of frames that are shown of each video, evenly spaced after the cut, up to the last one."""
 SHOWN_SIZE_PX = (360, 240)
-"""Size of each (pixels)."""
+"""Width and height of the frames that are shown (pixels)."""
 STYLES = dict(zip(ROWS, ("k-", "k:", "C0:", "C0--", "C7-", "C1-", "C2-", "C3-"), strict=True))
-"""Matplotlib's colour and line of each row."""
+"""Colour and line style of each row in matplotlib's notation."""
 NOTES = (
-    "Error: mean distance of the objects that are found from where they really are; to the nearest future: from the nearest of "
-    "the futures that are possible, runs of Bullet from positions known to 0.01. Log-likelihood: by object and frame, of all "
-    "these futures together, relative to another such run (0: as likely as one). Missing: objects that should be in the image "
-    "and are not found. Identity kept: objects that are seen with the words that they had. Collisions: pairs that really "
-    "collide; possible ones collide in some future. In brackets: 95 % intervals by a bootstrap over videos, of shares the "
-    "wider of it and Wilson's."
+    "Error: mean distance of found objects from their true positions. To the nearest future: mean distance from the nearest of "
+    "the possible futures, which are runs of Bullet from positions known to 0.01. Log-likelihood: mean over objects and frames "
+    "under all possible futures, relative to another run of Bullet (0: as likely as such a run). Missing: objects that should "
+    "be in the image and are not found. Identity kept: objects that are seen with the color, material and shape that they had. "
+    "Collisions: pairs that collide in the true video; possible collisions are those in it or in a possible future. In brackets: "
+    "95 % intervals by a bootstrap over videos; for shares, the wider of the bootstrap and Wilson's interval."
 )
-"""Below every table."""
+"""Explanation below every table."""
 
 
 def markdown_table(report: Mapping[str, Any]) -> str:
-    """The report's table, one row for the generated videos, for each noise floor and each baseline."""
+    """The table of a report in Markdown, with a row for each of `ROWS`."""
     lines = [f"| | {' | '.join(m.title for m in MEASURES.values())} |", "|---" * (len(MEASURES) + 1) + "|"]
     lines += [f"| {row} | {' | '.join(_cells(report['table'][row]))} |" for row in ROWS]
     return "\n".join(lines) + "\n"
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
+    """The cells of a row of the table, one for each measure."""
     cells = []
     for name, measure in MEASURES.items():
         value, interval = row[name]["value"], row[name]["interval"]
@@ -55,7 +57,7 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
 
 
 def curves_figure(report: Mapping[str, Any]) -> Any:
-    """Errors and log-likelihoods by frame after the cut, of every row; a matplotlib figure.
+    """A matplotlib figure of errors and log-likelihoods by frame after the cut, with a curve for each row.
 
     Raises:
         DataError: matplotlib is missing.
@@ -76,12 +78,12 @@ def curves_figure(report: Mapping[str, Any]) -> Any:
 
 
 def write_files(report: Mapping[str, Any], folder: Path, command: str) -> list[Path]:
-    """Write `report.json`, `table.md`, `curves.png` and `report.html`; returns their paths.
+    """Write `report.json`, `table.md`, `curves.png` and `report.html`, and return their paths.
 
     Args:
-        report: of `nsdr.continuations.compare.compare_videos`.
-        folder: where to write.
-        command: that made the report.
+        report: report of `nsdr.continuations.compare.compare_videos`.
+        folder: folder to which the files are written.
+        command: command that made the report.
     """
     paths = [folder / name for name in ("report.json", "table.md", "curves.png", "report.html")]
     write_json(paths[0], {"command": command, **report}, indent=1)
@@ -94,18 +96,20 @@ def write_files(report: Mapping[str, Any], folder: Path, command: str) -> list[P
 
 
 def _not_scored(report: Mapping[str, Any]) -> str:
+    """A Markdown list of the videos that were not scored, with the reasons."""
     rows = [f"- {name}: {reason}" for name, reason in report["not_scored"].items()]
     return "\n".join(["", f"Not scored ({len(rows)}):", "", *rows, ""]) if rows else ""
 
 
 def _body(report: Mapping[str, Any], picture: bytes, made: str) -> str:
+    """The body of the HTML page."""
     head = "".join(f"<th>{html.escape(m.title)}" for m in MEASURES.values())
     rows = "".join(f"<tr><td>{row}{''.join(f'<td>{cell}' for cell in _cells(report['table'][row]))}" for row in ROWS)
     body = [f"<h1>{TITLE}</h1><table><tr><th>{head}{rows}</table><p>{NOTES}</p><p>{html.escape(made)}</p>"]
     body.append(figure_html(picture, "Means over objects and videos, by frame after the cut."))
     body += [
         "<h2>Worst cases</h2>",
-        "<p>Farthest from every possible future. Left the truth, right the generated video.</p>",
+        "<p>Videos that are farthest from every possible future. Left: the true video. Right: the generated video.</p>",
     ]
     nearest = [v["rows"][GENERATED]["nearest"] for v in report["videos"]]
     worst = np.argsort([-np.inf if n is None else -n for n in nearest], kind="stable")[:WORST]
@@ -117,7 +121,7 @@ def _body(report: Mapping[str, Any], picture: bytes, made: str) -> str:
 
 
 def _case(video: Mapping[str, Any], cut: int, fps: float) -> str:
-    """Some frames after the cut, the truth's beside the generated ones, with the errors of the objects."""
+    """HTML of some frames of a video after the cut, the true next to the generated ones, with the errors of the objects."""
     values = video["rows"][GENERATED]
     said = ", ".join(f"{MEASURES[m].title}: {values[m]:.3g}" for m in ("error", "nearest") if values[m] is not None)
     n = len(next(iter(video["objects"].values())))
@@ -134,7 +138,7 @@ def _case(video: Mapping[str, Any], cut: int, fps: float) -> str:
 
 
 def _frames(path: str, wanted: Sequence[int], fps: float) -> list[Any]:
-    """Frames of a video, smaller; none of proposals."""
+    """Frames of a video with the size `SHOWN_SIZE_PX`; none if the path is that of proposals."""
     if not path.endswith(".mp4"):
         return []
     frames = [frame for i, frame in enumerate(read_frames(path, fps=fps, note=unsaid)) if i in wanted]

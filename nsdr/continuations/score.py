@@ -1,4 +1,4 @@
-"""What is measured of a continuation: its errors, its events, and how it fits the futures that are possible."""
+"""Scores of a continuation: its errors, its collisions, and how well it agrees with the possible futures."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,11 +14,11 @@ from nsdr.validation import Array, BoolArray, FloatArray, IntArray
 from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, SAME_EVENT_FRAMES, STEPS_PER_FRAME
 
 Sums = dict[str, Any]
-"""By name: a number, or a list with one for each frame after the cut. Those of several runs or videos add up."""
+"""Sums by name: a number, or a list with a number for each frame after the cut. Sums of several runs or videos can be added."""
 MIN_GIVEN_FRAMES = 8
-"""An object that is in the image in fewer of the given frames is not known from them (frames)."""
+"""An object must be in the image in at least this many of the given frames to be known from them."""
 TOUCHING_FRAMES = CONTACT_PAUSE_STEPS // STEPS_PER_FRAME
-"""A pair that collides so shortly before the cut may still touch at it (frames)."""
+"""A pair that collides at most this long before the cut may still touch at the cut (frames)."""
 KERNEL_WORLD, KERNEL_FREEDOM = 0.02, 3.0
 """Scale (world units) and degrees of freedom of Student's t distribution around each position of a possible future. The scale
 is about twice the mean error with which the frame parser sees positions (the row "truth, as perceived" in
@@ -27,13 +27,13 @@ docs/video_models.md); the tails reach to what lies between the futures."""
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Continuation(ArrayHolder):
-    """What somebody says of the frames after the cut, of n objects with the ids of the truth.
+    """A video, prediction or run in the F frames after the cut, with n objects that have the ids of the truth.
 
     Attributes:
         location_world: (n, F, 2) positions on the ground (world units); NaN where an object is not found.
-        collisions: with frames of the whole video.
-        words: (n, F) int, 1 where an object has the words that it had in the given frames, 0 where others, -1 where that is not
-            seen; None for predictions of positions alone.
+        collisions: collisions, with frame numbers of the whole video.
+        words: (n, F) int, 1 where an object has the same color, material and shape as in the given frames, 0 where it does not,
+            -1 where this is not seen; None for predictions of positions alone.
     """
 
     location_world: Annotated[FloatArray, Array("n", "F", 2, nan=True)]
@@ -43,18 +43,20 @@ class Continuation(ArrayHolder):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrueFuture(ArrayHolder):
-    """What really follows the given frames, and which of it follows from them.
+    """The true future: what happens after the given frames, and which part of it can be predicted from them.
 
-    What an object does after it met one that the given frames do not show, directly or through others, is not asked.
+    The motion of an object cannot be predicted after it has been affected, directly or through other objects, by an object that
+    the given frames do not show.
 
     Attributes:
-        objects: n identities.
+        objects: identities of the n objects.
         cut: number of given frames.
         given_world: (n, cut, 2) positions in the given frames (world units); NaN outside the image.
-        location_world: (n, F, 2) positions after the cut.
-        asked: (n, F) bool, the object is in the image, and its position follows from the given frames.
-        collisions: the first one of each pair after the cut that follows from the given frames and is in the image.
-        touching: pairs that collide about at the cut, whose collisions do not count.
+        location_world: (n, F, 2) positions after the cut (world units).
+        asked: (n, F) bool, whether the object is in the image and its position can be predicted; only these positions are
+            scored.
+        collisions: the first collision of each pair after the cut that can be predicted and is in the image.
+        touching: pairs that collide near the cut, whose collisions are not scored.
     """
 
     objects: tuple[SceneObject, ...]
@@ -67,11 +69,11 @@ class TrueFuture(ArrayHolder):
 
     @property
     def known(self) -> list[int]:
-        """Ids of the objects that are asked for in some frame."""
+        """Ids of the objects that are scored in at least one frame."""
         return np.flatnonzero(self.asked.any(1)).tolist()
 
     def counted(self, collisions: Iterable[Event]) -> dict[tuple[int, ...], int]:
-        """The first frame at which each pair collides after the cut, where that is asked for."""
+        """The frame of the first collision of each pair after the cut that is scored."""
         first: dict[tuple[int, ...], int] = {}
         for e in sorted(collisions, key=lambda e: e.frame):
             at = e.frame - self.cut
@@ -82,12 +84,12 @@ class TrueFuture(ArrayHolder):
 
 
 def true_future(truth: Mapping[str, Any], cut: int, end: int) -> TrueFuture:
-    """The frames from `cut` up to, not including, `end` of a truth file.
+    """Read the true future in the frames from `cut` up to, not including, `end` from a truth file.
 
     Args:
         truth: validated content of the file.
         cut: number of given frames.
-        end: at most the number of frames of the file.
+        end: end of the future, at most the number of frames of the file.
     """
     scene = scene_from_truth(truth, end)
     n = len(scene.objects)
@@ -114,11 +116,15 @@ def true_future(truth: Mapping[str, Any], cut: int, end: int) -> TrueFuture:
 
 
 class PossibleFutures:
-    """Runs of Bullet from states that cannot be told from the true ones by what was seen.
+    """Possible futures: runs of Bullet from states that cannot be distinguished from the true ones in the given frames.
 
     Args:
-        runs: R continuations, at least two.
-        truth: what really follows.
+        runs: R runs, at least two.
+        truth: the true future.
+
+    Attributes:
+        location_world: (R, n, F, 2) positions in each run (world units).
+        pairs: pairs that collide in at least one run.
     """
 
     def __init__(self, runs: Sequence[Continuation], truth: TrueFuture) -> None:
@@ -126,28 +132,32 @@ class PossibleFutures:
         self.pairs = frozenset(pair for run in runs for pair in truth.counted(run.collisions))
         others = [self.log_density(run.location_world, leave_out=r) for r, run in enumerate(runs)]
         self.reference: FloatArray = np.mean(others, axis=0)
-        """(n, F) mean logarithm of the density that the other runs give to each run."""
+        """(n, F) mean over all runs of the log density of a run's positions under the other runs."""
 
     def distances(self, location_world: FloatArray, leave_out: int | None = None) -> FloatArray:
-        """(R, n, F) distances of positions (n, F, 2) from those of each run, or each but one (world units)."""
+        """(R, n, F) distances of positions (n, F, 2) from those in each run, except the run `leave_out` (world units)."""
         runs = self.location_world if leave_out is None else np.delete(self.location_world, leave_out, 0)
         return np.asarray(np.linalg.norm(location_world - runs, axis=-1))
 
     def log_density(self, location_world: FloatArray, leave_out: int | None = None) -> FloatArray:
-        """(n, F) logarithm of the density of positions, up to a constant: a mixture of Student's t around the runs."""
+        """(n, F) log density of positions (n, F, 2), up to a constant, under a mixture of Student's t around the runs.
+
+        density ∝ mean over runs of (1 + (distance / s)² / ν)^(-(ν + 2) / 2), s = `KERNEL_WORLD`, ν = `KERNEL_FREEDOM`
+        """
         squared = (self.distances(location_world, leave_out) / KERNEL_WORLD) ** 2
         kernel = (1 + squared / KERNEL_FREEDOM) ** (-(KERNEL_FREEDOM + 2) / 2)
         return np.asarray(np.log(kernel.mean(0)))
 
 
 def score(found: Continuation, truth: TrueFuture, futures: PossibleFutures, leave_out: int | None = None) -> Sums:
-    """What `MEASURES` are made of.
+    """Compute the sums from which `MEASURES` are computed.
 
     Args:
         found: the continuation.
-        truth: what really follows.
-        futures: what could follow.
-        leave_out: number of the possible future that `found` is, which is not compared with itself.
+        truth: the true future.
+        futures: the possible futures.
+        leave_out: index of the possible future that `found` is, which is not compared with itself; None for any other
+            continuation.
     """
     place = found.location_world
     is_found = truth.asked & np.isfinite(place).all(-1)
@@ -169,6 +179,7 @@ def score(found: Continuation, truth: TrueFuture, futures: PossibleFutures, leav
 
 
 def _event_sums(found: Mapping[tuple[int, ...], int], truth: TrueFuture, futures: PossibleFutures) -> Sums:
+    """Sums about collisions; `found` has the frame of the first collision of each pair."""
     true = {e.objects: e.frame for e in truth.collisions}
     right = [(true[pair], frame) for pair, frame in found.items() if pair in true]
     orders = [
@@ -186,7 +197,7 @@ def _event_sums(found: Mapping[tuple[int, ...], int], truth: TrueFuture, futures
 
 
 def add(sums: Iterable[Sums]) -> Sums:
-    """Sums of several runs or videos together; lists of frames may differ in length."""
+    """Add the sums of several runs or videos. Lists may differ in length."""
     total: Sums = {}
     for one in sums:
         for name, value in one.items():
@@ -201,13 +212,13 @@ def add(sums: Iterable[Sums]) -> Sums:
 
 @dataclass(frozen=True)
 class Measure:
-    """A ratio of sums.
+    """A measure that is a ratio of sums.
 
     Attributes:
-        title: of the table's column, with the unit.
-        above, below: what is divided by what, of the `Sums` of `score`.
-        is_share: printed in %.
-        decimals: that are printed.
+        title: title of the column in the table, with the unit.
+        above, below: functions (sums of `score`) -> numerator and denominator.
+        is_share: whether the measure is a share, which is printed in %.
+        decimals: number of decimals that are printed.
     """
 
     title: str
@@ -218,6 +229,7 @@ class Measure:
 
 
 def _of(name: str) -> Callable[[Mapping[str, Any]], Any]:
+    """A function (sums) -> the sum with this name as an array; 0 if it is missing."""
     return lambda sums: np.asarray(sums.get(name, 0.0), float)
 
 
@@ -237,5 +249,5 @@ MEASURES: dict[str, Measure] = {
     "order": Measure("order right (%)", _of("ordered"), _of("orders"), True),
     "frames_off": Measure("off by (frames)", _of("frames_off"), _of("right")),
 }
-"""Columns of the table: "error" and "nearest" are mean distances of the objects that are found, "log_likelihood" is the mean by
-object and frame, relative to a held-out run of Bullet."""
+"""Columns of the table. "error" and "nearest" are mean distances of found objects, and "log_likelihood" is the mean over
+objects and frames, relative to a held-out run of Bullet."""
