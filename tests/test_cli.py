@@ -159,7 +159,7 @@ def test_a_question_is_parsed_without_heavy_libraries() -> None:
 )
 def test_missing_arguments_are_named_as_the_help_names_them(capsys, arguments, names) -> None:
     command = arguments[0]
-    wanted = f"error: nsdr {command}: the following arguments are required: {names}; nsdr {command} --help shows them\n"
+    wanted = f"error: nsdr {command}: the following arguments are required: {names}; nsdr {command} --help shows the options\n"
     assert run(capsys, *arguments) == (2, "", wanted)
 
 

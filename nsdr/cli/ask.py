@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from nsdr.cli.common import (
     VIDEO,
+    Command,
     failures_line,
     frames_of,
     is_scene,
@@ -220,3 +221,12 @@ def _print_compared(question: "Question", found: Answer) -> bool:
     agrees = given == [question.answer, *(c.answer for c in question.choices)]
     print(f"  {'equal to' if agrees else 'DIFFERS from'} the ground truth\n")
     return agrees
+
+
+FUNCTIONS = {
+    "answer": Command(answer, answer_options),
+    "parse-question": Command(parse_question, parse_question_options),
+    "execute": Command(execute, execute_options),
+    "demo": Command(demo, demo_options),
+}
+"""What runs the commands of this file."""

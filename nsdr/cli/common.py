@@ -1,10 +1,10 @@
 """What several commands share: options, the pipeline they ask for, saved scenes, and the line about failures."""
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from jsonargparse.typing import NonNegativeFloat, NonNegativeInt
 
@@ -26,6 +26,19 @@ KEEP_GOING = "--keep-going"
 KEEP_GOING_HELP = f"{KEEP_GOING} accepts failures of a part of the work: status 0."
 NOT_GIVEN: tuple[Any, ...] = (None, "", False, [], "default", "auto", "processes")
 """Values of options that were not given."""
+
+
+class Command(NamedTuple):
+    """What runs a command.
+
+    Attributes:
+        run: does the work and returns the exit status. It takes the parsed options, or the arguments where `add_options` is
+            None.
+        add_options: adds the command's options to a parser; None for a command that reads its arguments itself.
+    """
+
+    run: Callable[[Any], int]
+    add_options: Callable[[Any], None] | None = None
 
 
 def shared_options(parser: Any, *groups: str) -> None:
@@ -66,8 +79,7 @@ def configured(kind: type[Config], arguments: Sequence[str], command: str, more:
         command: its name.
         more: what its help says of other options.
     """
-    given = ["--output" if a == "-o" else a for a in arguments]
-    return parse_config(kind, given, f"nsdr {command}", f"-o is short for --output. {more}".strip())
+    return parse_config(kind, arguments, f"nsdr {command}", more, {"-o": "--output"})
 
 
 def print_parts(usage: str, parts: Mapping[str, tuple[Any, str]], more: str) -> None:

@@ -6,7 +6,7 @@ from jsonargparse.typing import NonNegativeInt, PositiveInt
 
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.layout import FOLDERS
-from nsdr.cli.common import left_out, shared_options
+from nsdr.cli.common import Command, left_out, shared_options
 from nsdr.io.files import check_output_folder
 
 SHOWN_MISSING = 5
@@ -121,3 +121,13 @@ def export(options: Any) -> int:
     for name, summary in export_dataset(config).items():
         print(f"{options.output}: {name}: {summary.questions} questions about {summary.videos} videos")
     return 0
+
+
+FUNCTIONS = {
+    "data verify": Command(data_verify, data_verify_options),
+    "data download": Command(data_download, data_download_options),
+    "data frames": Command(data_frames, data_frames_options),
+    "data motion": Command(data_motion, data_motion_options),
+    "export": Command(export, export_options),
+}
+"""What runs the commands of this file."""

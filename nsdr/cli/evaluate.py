@@ -10,7 +10,7 @@ from jsonargparse.typing import NonNegativeInt, NotEmptyStr, PositiveInt
 
 from nsdr.clevrer.dataset import SPLITS
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, SceneQuestions, read_questions, write_questions
-from nsdr.cli.common import check_outputs, failures_line, print_notes, settings_of, shared_options
+from nsdr.cli.common import Command, check_outputs, failures_line, print_notes, settings_of, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output_folder
 
@@ -262,3 +262,14 @@ def _shares(scenes: Sequence[SceneQuestions]) -> list[str]:
             f"  {k:<22}{f'{100 * sum(map(bool, r)) / len(r):.1f} %':>8}{'':>9}{len(r):>8}" for k, r in known.items()
         ]
     return lines
+
+
+FUNCTIONS = {
+    "evaluate": Command(evaluate, evaluate_options),
+    "experiment": Command(experiment, experiment_options),
+    "score": Command(score, score_options),
+    "compare-videos": Command(compare_videos, compare_videos_options),
+    "controls": Command(controls, controls_options),
+    "tag": Command(tag, tag_options),
+}
+"""What runs the commands of this file."""

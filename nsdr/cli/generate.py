@@ -11,7 +11,7 @@ from tqdm import tqdm
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import write_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
-from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, configured, left_out, print_parts
+from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, Command, configured, left_out, print_parts
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.changed import TruthWorlds
@@ -135,3 +135,9 @@ def generate(arguments: list[str]) -> int:
     written = run(rest)
     print(written)
     return left_out(written)
+
+
+FUNCTIONS = {
+    "generate": Command(generate),
+}
+"""What runs the commands of this file."""

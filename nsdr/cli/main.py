@@ -3,7 +3,6 @@
 import io
 import logging
 import os
-import re
 import signal
 import sys
 import threading
@@ -16,6 +15,7 @@ from typing import Any
 
 import jsonargparse
 
+from nsdr.cli.common import Command
 from nsdr.errors import DataError, NsdrError, machine_error
 from nsdr.io.configuration import OptionParser
 from nsdr.io.limits import limits
@@ -52,8 +52,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "train": ("train", "PART --config configs/….yaml [--field value]; without a part, says which there are"),
 }
-"""Module and summary of each. The module has a function of the command's name, and one that adds its options; without the
-latter, the function gets the arguments."""
+"""Of each command, the module of `nsdr.cli` whose `FUNCTIONS` has what runs it, and a summary."""
 ERROR, BUG = 2, 70
 """Exit statuses: an error; a bug of ours (EX_SOFTWARE of sysexits.h)."""
 BY_SIGNAL = 128
@@ -98,21 +97,17 @@ def _run(arguments: list[str]) -> int:
     if not name:
         return _overview(arguments)
     module, summary = COMMANDS[name]
-    loaded, function = import_module(f"nsdr.cli.{module}"), re.sub("[- ]", "_", name)
-    run, add_options = getattr(loaded, function), getattr(loaded, f"{function}_options", None)
-    if add_options is None:
-        return int(run(rest))
+    command: Command = import_module(f"nsdr.cli.{module}").FUNCTIONS[name]
+    if command.add_options is None:
+        return command.run(rest)
     parser = OptionParser(prog=f"nsdr {name}", description=summary, exit_on_error=False)
-    add_options(parser)
+    command.add_options(parser)
     parser.check_repeated(rest)
     try:
         given = parser.parse_args(rest)
     except jsonargparse.ArgumentError as e:
-        _, missing, names = str(e).partition("the following arguments are required: ")
-        if missing:
-            raise DataError(f"nsdr {name}: {missing}{names}; nsdr {name} --help shows them") from e
-        raise
-    return int(run(given))
+        raise DataError(f"nsdr {name}: {e}; nsdr {name} --help shows the options") from e
+    return command.run(given)
 
 
 def _overview(arguments: list[str]) -> int:

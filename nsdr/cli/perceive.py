@@ -10,6 +10,7 @@ from jsonargparse.typing import NonNegativeInt
 
 from nsdr.cli.common import (
     VIDEO,
+    Command,
     check_outputs,
     failures_line,
     frames_of,
@@ -270,3 +271,13 @@ def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any
     else:
         figure = plan_figure(p.explanation.prediction, removed, p.camera) if image == "plan" else causal_figure(p.scene)
         write_file(path, figure_png(figure))
+
+
+FUNCTIONS = {
+    "parse-video": Command(parse_video, parse_video_options),
+    "parse-videos": Command(parse_videos, parse_videos_options),
+    "predict-dynamics": Command(predict_dynamics, predict_dynamics_options),
+    "judge": Command(judge, judge_options),
+    "visualize": Command(visualize, visualize_options),
+}
+"""What runs the commands of this file."""

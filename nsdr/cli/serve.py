@@ -6,7 +6,7 @@ from typing import Any
 
 from jsonargparse.typing import PositiveInt, restricted_number_type
 
-from nsdr.cli.common import make_pipeline, shared_options
+from nsdr.cli.common import Command, make_pipeline, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed
 
@@ -81,3 +81,10 @@ def mcp(options: Any) -> int:
     folder = _checked_folder(options.folder)
     make_server(make_pipeline(options), folder).run()
     return 0
+
+
+FUNCTIONS = {
+    "mcp": Command(mcp, mcp_options),
+    "serve": Command(serve, serve_options),
+}
+"""What runs the commands of this file."""

@@ -6,7 +6,16 @@ from typing import Any
 
 from jsonargparse.typing import NonNegativeInt
 
-from nsdr.cli.common import VIDEO, check_outputs, frames_of, is_scene, make_pipeline, print_notes, shared_options
+from nsdr.cli.common import (
+    VIDEO,
+    Command,
+    check_outputs,
+    frames_of,
+    is_scene,
+    make_pipeline,
+    print_notes,
+    shared_options,
+)
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import check_installed
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
@@ -193,3 +202,9 @@ def _document(s: Simulation) -> dict[str, Any]:
         "location_world": positions(s.changed.location_world),
         "notes": list(s.notes),
     }
+
+
+FUNCTIONS = {
+    "simulate": Command(simulate, simulate_options),
+}
+"""What runs the commands of this file."""

@@ -2,10 +2,9 @@
 
 import argparse
 import logging
-import re
 from importlib import import_module
 
-from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, configured, left_out, print_parts
+from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, Command, configured, left_out, print_parts
 from nsdr.errors import DataError
 
 PARTS = {
@@ -19,7 +18,7 @@ PARTS = {
 
 
 def train(arguments: list[str]) -> int:
-    """Train a part from its command-line arguments; `--device` stands for `--loop.device`."""
+    """Train a part from its command-line arguments."""
     part, *rest = arguments or ["nothing"]
     if part in HELP:
         usage = "nsdr train PART [--config configs/….yaml] [--field value] … [--device auto|cpu|cuda|cuda:N]"
@@ -28,8 +27,7 @@ def train(arguments: list[str]) -> int:
     if part not in PARTS:
         raise DataError(f"nsdr train: expected one of {', '.join(PARTS)}, got {part!r}")
     logging.getLogger("nsdr").setLevel(logging.INFO)
-    options = [re.sub(r"^--device(?==|$)", "--loop.device", argument) for argument in rest]
-    print(import_module(f"nsdr.training.{PARTS[part][0]}").main(options))
+    print(import_module(f"nsdr.training.{PARTS[part][0]}").main(rest))
     return 0
 
 
@@ -48,7 +46,7 @@ def extract_features(arguments: list[str]) -> int:
     own.add_argument("--from", dest="source", choices=("videos", *SOURCES), default="videos")
     own.add_argument(KEEP_GOING, action="store_true")
     options, fields = own.parse_known_args(arguments)
-    if any(re.match(r"--features\.source(=|$)", argument) for argument in fields):
+    if any(argument.partition("=")[0] == "--features.source" for argument in fields):
         raise DataError("--features.source: --from says what features are made from; leave it out")
     extraction: FeatureExtraction | WordExtraction = (
         configured(FeatureExtraction, fields, "extract-features", KEEP_GOING_HELP)
@@ -61,3 +59,10 @@ def extract_features(arguments: list[str]) -> int:
     count = extract(extraction, options.keep_going)
     print(f"{extraction.output}: features of {count} videos")
     return left_out(extraction.output)
+
+
+FUNCTIONS = {
+    "extract-features": Command(extract_features),
+    "train": Command(train),
+}
+"""What runs the commands of this file."""

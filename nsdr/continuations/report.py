@@ -31,8 +31,8 @@ NOTES = (
     "the possible futures, which are runs of Bullet from positions known to 0.01. Log-likelihood: mean over objects and frames "
     "under all possible futures, relative to another run of Bullet (0: as likely as such a run). Missing: objects that should "
     "be in the image and are not found. Identity kept: objects that are seen with the color, material and shape that they had. "
-    "Collisions: pairs that collide in the true video; possible collisions are those in it or in a possible future. In brackets: "
-    "95 % intervals by a bootstrap over videos; for shares, the wider of the bootstrap and Wilson's interval."
+    "Collisions: pairs that collide in the true video; possible collisions are those in it or in a possible future. "
+    "In brackets: 95 % intervals by a bootstrap over videos; for shares, the wider of the bootstrap and Wilson's interval."
 )
 """Explanation below every table."""
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from itertools import pairwise
-from types import NoneType
+from types import MappingProxyType, NoneType
 from typing import Any, TypeVar, get_args
 
 import jsonargparse
@@ -41,7 +41,13 @@ class OptionParser(jsonargparse.ArgumentParser):
                 raise DataError(f"{name} is given {times} times, of which one alone would count; give it once")
 
 
-def parse_config(kind: type[T], argv: Sequence[str] | None, program: str, epilog: str = "") -> T:
+def parse_config(
+    kind: type[T],
+    argv: Sequence[str] | None,
+    program: str,
+    epilog: str = "",
+    short: Mapping[str, str] = MappingProxyType({}),
+) -> T:
     """The configuration `kind` from arguments such as `["--config", "a.yaml", "--loop.steps", "10"]`.
 
     Args:
@@ -49,11 +55,12 @@ def parse_config(kind: type[T], argv: Sequence[str] | None, program: str, epilog
         argv: the arguments; None for those of the command line.
         program: the command's name, for its help and error messages.
         epilog: what its help says at the end.
+        short: other names of options, such as {"-o": "--output"}; the help lists them.
 
     Raises:
         DataError: an unreadable file, an unknown or missing key, or a value of another type or out of its range; names it.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    arguments = [_in_full(a, short) for a in (sys.argv[1:] if argv is None else argv)]
     options = [*pairwise(arguments), *(a.split("=", 1) for a in arguments if a.startswith("--") and "=" in a)]
     for name, value in options:
         _check_option(name, value)
@@ -63,7 +70,8 @@ def parse_config(kind: type[T], argv: Sequence[str] | None, program: str, epilog
         _check_spaces(content, file)
         _check_sections(kind, content, file)
     about = (kind.__doc__ or "").splitlines()[0]
-    parser = OptionParser(prog=program, description=about, epilog=epilog or None, exit_on_error=False)
+    end = " ".join([*(f"{name} is short for {option}." for name, option in short.items()), epilog]).strip()
+    parser = OptionParser(prog=program, description=about, epilog=end or None, exit_on_error=False)
     parser.add_argument("--config", action="config", help="a YAML file; flags after it win")
     parser.add_class_arguments(kind)
     parser.check_repeated(arguments)
@@ -74,6 +82,12 @@ def parse_config(kind: type[T], argv: Sequence[str] | None, program: str, epilog
     except UNUSABLE as e:
         where = f"{', '.join(files)}: " if files else "" if isinstance(e, DataError) else f"{program}: "
         raise DataError(where + (" ".join(str(e).split()) or type(e).__name__)) from e
+
+
+def _in_full(argument: str, short: Mapping[str, str]) -> str:
+    """An argument with an option's full name in place of a short one."""
+    name, equals, value = argument.partition("=")
+    return short.get(name, name) + equals + value
 
 
 def config_of(kind: type[T], values: Mapping[str, Any]) -> T:

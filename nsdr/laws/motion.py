@@ -256,7 +256,7 @@ class PiecewiseMotion:
 
     def _unseen_nats(self, b: Break) -> float:
         """Evidence against a hit by an object centred outside the image (nats): 0 if it can be there, otherwise infinite."""
-        other = b.place - 2 * OBJECT_RADIUS_WORLD * b.change / max(float(np.hypot(*b.change)), 1e-9)
+        other = b.position - 2 * OBJECT_RADIUS_WORLD * b.change / max(float(np.hypot(*b.change)), 1e-9)
         centre = self.states.camera.pixels(on_ground(other[None]))[0]
         size = self.states.camera.width, self.states.camera.height
         return np.inf if (centre > 0).all() and (centre < size).all() else 0.0

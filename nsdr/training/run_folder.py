@@ -37,7 +37,7 @@ def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
         DataError: see `parse_config`; or `run_dir` or `output` is no folder or read-only.
         MachineError: `run_dir` or `output` cannot be written.
     """
-    config: Any = parse_config(kind, argv, f"nsdr train {part}")
+    config: Any = parse_config(kind, argv, f"nsdr train {part}", short={"--device": "--loop.device"})
     for folder in (config.run_dir, config.output or config.run_dir):
         check_output_folder(folder)
     return config
