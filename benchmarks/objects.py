@@ -30,11 +30,12 @@ from benchmarks.shared import (
 )
 from nsdr import Pipeline, Scene, VideoTracks
 from nsdr.clevrer.files.annotations import read_annotation
-from nsdr.clevrer.files.scenes import enter_exit_events, scene_from_annotation
+from nsdr.clevrer.files.scenes import scene_from_annotation
 from nsdr.dynamics.physics.collision_search import search_collisions
 from nsdr.dynamics.track_smoothing import SmoothedTracks, border_depths, smooth_tracks
 from nsdr.io.files import find_files
 from nsdr.tracking.localization import MAX_RATIO, TYPICAL_RATIO, size_ratio
+from nsdr.types.events import enter_exit_events
 from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
 LISTED_FRAMES = 2

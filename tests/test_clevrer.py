@@ -16,12 +16,11 @@ from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.proposals import proposals_document, proposals_from_rows, read_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.clevrer.files.scenes import (
-    collisions_in_view,
-    enter_exit_events,
     scene_from_annotation,
     scene_from_ground_truth,
 )
 from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.types.events import collisions_in_view, enter_exit_events
 from nsdr.world import camera
 from nsdr.world.vocabulary import attribute_index, attributes_of
 

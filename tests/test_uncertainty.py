@@ -10,7 +10,6 @@ import pytest
 from nsdr import DataError, Event, ExecutionError, Executor, Scene, UncertainCollision, load, narrate, save
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
-from nsdr.clevrer.files.scenes import enter_exit_events
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.evaluation import calibration, evaluate, format_table
 from nsdr.evaluation.experiments import markdown_table
@@ -20,6 +19,7 @@ from nsdr.symbolic.uncertainty import N_DRAWS, possible_scenes
 from nsdr.tracking.tracker import existence
 from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, SceneObject, Track, VideoTracks
 from nsdr.types.answers import ChoiceAnswer
+from nsdr.types.events import enter_exit_events
 
 HIT = Event("collision", 20, (0, 1))
 MAYBE = Event("collision", 80, (0, 2))

@@ -75,11 +75,8 @@ from .files.questions import (
     write_questions as write_questions,
 )
 from .files.scenes import (
-    collisions_in_view as collisions_in_view,
-    enter_exit_events as enter_exit_events,
     iterate_scenes as iterate_scenes,
     scene_from_annotation as scene_from_annotation,
     scene_from_ground_truth as scene_from_ground_truth,
     scene_from_truth as scene_from_truth,
-    speed_world_per_s as speed_world_per_s,
 )

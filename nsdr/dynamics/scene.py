@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events
 from nsdr.types import DynamicsPrediction, Event, Scene, UncertainCollision, VideoTracks
+from nsdr.types.events import collisions_in_view, enter_exit_events
 from nsdr.world.camera import Camera, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 

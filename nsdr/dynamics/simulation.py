@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.files.scenes import enter_exit_events
 from nsdr.dynamics.base import Explanation
 from nsdr.dynamics.interventions import changed_ids, resolve, with_added
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError
 from nsdr.types import Add, DynamicsPrediction, Event, Move, Remove, Rollout, Scene, SceneObject, Simulation
+from nsdr.types.events import enter_exit_events, in_order
 from nsdr.types.interventions import Intervention
-from nsdr.types.scenes import in_order
 from nsdr.world.camera import Camera
 
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events
 from nsdr.types import Event, Scene, UncertainCollision
+from nsdr.types.events import collisions_in_view, enter_exit_events
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 
 N_DRAWS = 512

@@ -10,9 +10,10 @@ Arrays are stored as read-only views of the arrays passed in.
 """
 
 from nsdr.types.answers import Answer, ChoiceAnswer, TraceStep
+from nsdr.types.events import Event
 from nsdr.types.interventions import Add, Freeze, Move, Remove, SetMass, SetVelocity
 from nsdr.types.judgements import LAWS, Judgement, Violation
-from nsdr.types.scenes import DynamicsPrediction, Event, ObjectPhysics, Rollout, Scene, UncertainCollision
+from nsdr.types.scenes import DynamicsPrediction, ObjectPhysics, Rollout, Scene, UncertainCollision
 from nsdr.types.simulations import EventChange, Simulation
 from nsdr.types.tracks import Camera, SceneObject, Track, VideoProposals, VideoTracks
 

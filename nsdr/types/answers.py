@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from nsdr.types.scenes import Event
+from nsdr.types.events import Event
 
 
 @dataclass(frozen=True)

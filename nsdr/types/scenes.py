@@ -1,14 +1,14 @@
 """What happens in a video: events, motion, and the scene that programs run on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Annotated
 
 import numpy as np
-from msgspec import Meta
 
 from nsdr.types.arrays import ArrayHolder
+from nsdr.types.events import Event, in_order
 from nsdr.types.tracks import SceneObject, check_objects
 from nsdr.validation import (
     Array,
@@ -20,34 +20,7 @@ from nsdr.validation import (
     PositiveCount,
     Share,
     expect,
-    one_of,
 )
-
-PARTICIPANTS = {"in": 1, "out": 1, "collision": 2}
-"""Number of objects of each kind of event."""
-NO_FRAME = -1
-"""`Event.frame` of an event that is only possible. Rollouts and scenes hold events at frames only."""
-
-
-@dataclass(frozen=True)
-class Event(Checked):
-    """Something that happens at one frame.
-
-    Attributes:
-        kind: "in" (enters the image), "out" (leaves it) or "collision".
-        frame: frame index; at or beyond the video's length for unseen events, -1 for events that are only possible.
-        objects: object ids: one for "in" and "out", two in ascending order for "collision".
-    """
-
-    kind: Annotated[str, one_of(PARTICIPANTS)]
-    frame: Annotated[int, Meta(ge=NO_FRAME)]
-    objects: tuple[Count, ...]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        n = PARTICIPANTS[self.kind]
-        fits = len(self.objects) == n and self.objects[0] < self.objects[-1] + (n == 1)
-        expect(fits, f"Event.objects of {self.kind}", f"{n} ascending object ids", self.objects)
 
 
 @dataclass(frozen=True)
@@ -240,8 +213,3 @@ def _check_dynamics(scene: Scene, dynamics: DynamicsPrediction) -> None:
         last = max([scene.n_frames - 1, *(e.frame for e in rollout.collisions)])
         n = rollout.location_world.shape[1]
         expect(last < n, "Scene.dynamics", f"positions until frame {last}", f"{n} frames")
-
-
-def in_order(events: Sequence[Event]) -> tuple[Event, ...]:
-    """Events sorted by frame; at the same frame, entrances and exits come before collisions."""
-    return tuple(sorted(events, key=lambda e: (e.frame, e.kind == "collision")))

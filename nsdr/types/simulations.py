@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from nsdr.types.arrays import ArrayHolder
+from nsdr.types.events import Event
 from nsdr.types.interventions import Intervention
-from nsdr.types.scenes import Event, Rollout, Scene
+from nsdr.types.scenes import Rollout, Scene
 from nsdr.types.tracks import SceneObject, check_objects
 from nsdr.validation import Checked, Count, PositiveCount, Share, expect
 from nsdr.world.physics_constants import SAME_EVENT_FRAMES

@@ -14,11 +14,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from nsdr.clevrer.files.scenes import collisions_in_view, enter_exit_events, speed_world_per_s
 from nsdr.clevrer.files.schema import Coordinate, check_frame, check_unique
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
+from nsdr.types.events import collisions_in_view, enter_exit_events
 from nsdr.validation import expect
 from nsdr.world.camera import (
     CLEVRER_CAMERA,
@@ -28,7 +28,7 @@ from nsdr.world.camera import (
     on_ground,
     pixels_from_grid,
 )
-from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
+from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
 from nsdr.world.vocabulary import Color, Material, Shape
 
 __all__ = [
@@ -184,7 +184,8 @@ def _moving(grid: Any, seen: Any, times: Any) -> Any:
     """(n, S) bool, whether an object moves at a sample: the lower of its speeds from the previous and to the next sample,
     where it was seen in both, exceeds the threshold."""
     world = CLEVRER_CAMERA.ground(pixels_from_grid(grid))
-    speed = speed_world_per_s(world[:, 1:] - world[:, :-1], np.diff(times)[:, None])
+    seconds = np.diff(times)[:, None] * FRAME_SECONDS
+    speed = np.linalg.norm((world[:, 1:] - world[:, :-1]) / seconds, axis=-1)
     speed = np.where(seen[:, 1:] & seen[:, :-1], speed, np.inf)
     missing = np.full((len(grid), 1), np.inf)
     slower = np.minimum(np.concatenate([missing, speed], 1), np.concatenate([speed, missing], 1))

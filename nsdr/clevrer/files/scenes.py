@@ -1,71 +1,26 @@
-"""Scenes from ground truth: CLEVRER's annotations and ground-truth blocks, and truth files of generated videos.
-
-The rules for what counts as visible, entering, moving and colliding are those that reproduce CLEVRER's answers.
-"""
+"""Scenes from ground truth: CLEVRER's annotations and ground-truth blocks, and truth files of generated videos."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from nsdr.clevrer.files.annotations import check_annotation, check_truth, check_truth_blocks
 from nsdr.errors import DataError
 from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 from nsdr.types import Event, ObjectPhysics, Scene, SceneObject
-from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
+from nsdr.types.events import collisions_in_view, enter_exit_events
+from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
 
 __all__ = [
-    "collisions_in_view",
-    "enter_exit_events",
     "iterate_scenes",
     "scene_from_annotation",
     "scene_from_ground_truth",
     "scene_from_truth",
-    "speed_world_per_s",
 ]
-
-
-def enter_exit_events(visible: NDArray[np.bool_]) -> list[Event]:
-    """Entrances and exits, in order of object and frame.
-
-    An object enters at a visible frame after an invisible one, and exits at an invisible frame after a visible one.
-
-    Args:
-        visible: (n_objects, n_frames) bool.
-    """
-    events = []
-    change = np.diff(visible.astype(np.int8), axis=1)
-    for i, frame in np.argwhere(change != 0):
-        events.append(Event("in" if change[i, frame] > 0 else "out", int(frame) + 1, (int(i),)))
-    return events
-
-
-def collisions_in_view(collisions: Iterable[Event], visible: NDArray[np.bool_]) -> list[Event]:
-    """Observed collisions as counted by the ground truth.
-
-    A collision in which neither object is visible is dropped. If only one is visible, the collision is counted at the first
-    later frame in which both are, and dropped if there is none.
-
-    Args:
-        collisions: events at their physical frames.
-        visible: (n_objects, n_frames) bool.
-    """
-    kept = []
-    for event in collisions:
-        both = visible[event.objects[0]] & visible[event.objects[1]]
-        either = visible[event.objects[0]] | visible[event.objects[1]]
-        if event.frame >= len(both) or not either[event.frame]:
-            continue
-        if both[event.frame]:
-            kept.append(event)
-            continue
-        frames = np.flatnonzero(both[event.frame :])
-        if len(frames):
-            kept.append(Event("collision", event.frame + int(frames[0]), event.objects))
-    return kept
 
 
 def scene_from_annotation(annotation: Mapping[str, Any]) -> Scene:
@@ -113,16 +68,6 @@ def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> S
     covariance = None if log_mass is None else np.zeros((len(objects), len(objects)))
     physics = ObjectPhysics(velocity, 0.0, log_mass, covariance)
     return Scene(objects, n_frames, visible, moving, tuple(events), unseen, counterfactual, physics=physics)
-
-
-def speed_world_per_s(step_world: NDArray[Any], frames: ArrayLike) -> NDArray[Any]:
-    """Speeds (...) of displacements on the ground (world units/s).
-
-    Args:
-        step_world: (..., 2) displacements (world units).
-        frames: number of frames that each displacement takes, broadcast against (...).
-    """
-    return np.asarray(np.linalg.norm(step_world / (np.asarray(frames) * FRAME_SECONDS), axis=-1))
 
 
 def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = VIDEO_FRAMES) -> Scene:

@@ -1,0 +1,81 @@
+"""Events, and which of them count: the rules for entering, leaving and colliding that reproduce CLEVRER's answers."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from nsdr.validation import BoolArray, Checked, Count, expect, one_of
+
+PARTICIPANTS = {"in": 1, "out": 1, "collision": 2}
+"""Number of objects of each kind of event."""
+NO_FRAME = -1
+"""`Event.frame` of an event that is only possible. Rollouts and scenes hold events at frames only."""
+
+
+@dataclass(frozen=True)
+class Event(Checked):
+    """Something that happens at one frame.
+
+    Attributes:
+        kind: "in" (enters the image), "out" (leaves it) or "collision".
+        frame: frame index; at or beyond the video's length for unseen events, -1 for events that are only possible.
+        objects: object ids: one for "in" and "out", two in ascending order for "collision".
+    """
+
+    kind: Annotated[str, one_of(PARTICIPANTS)]
+    frame: Annotated[int, Meta(ge=NO_FRAME)]
+    objects: tuple[Count, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        n = PARTICIPANTS[self.kind]
+        fits = len(self.objects) == n and self.objects[0] < self.objects[-1] + (n == 1)
+        expect(fits, f"Event.objects of {self.kind}", f"{n} ascending object ids", self.objects)
+
+
+def in_order(events: Sequence[Event]) -> tuple[Event, ...]:
+    """Events sorted by frame; at the same frame, entrances and exits come before collisions."""
+    return tuple(sorted(events, key=lambda e: (e.frame, e.kind == "collision")))
+
+
+def enter_exit_events(visible: BoolArray) -> list[Event]:
+    """Entrances and exits, in order of object and frame.
+
+    An object enters at a visible frame after an invisible one, and exits at an invisible frame after a visible one.
+
+    Args:
+        visible: (n_objects, n_frames) bool.
+    """
+    events = []
+    change = np.diff(visible.astype(np.int8), axis=1)
+    for i, frame in np.argwhere(change != 0):
+        events.append(Event("in" if change[i, frame] > 0 else "out", int(frame) + 1, (int(i),)))
+    return events
+
+
+def collisions_in_view(collisions: Iterable[Event], visible: BoolArray) -> list[Event]:
+    """Observed collisions as counted by the ground truth.
+
+    A collision in which neither object is visible is dropped. If only one is visible, the collision is counted at the first
+    later frame in which both are, and dropped if there is none.
+
+    Args:
+        collisions: events at their physical frames.
+        visible: (n_objects, n_frames) bool.
+    """
+    kept = []
+    for event in collisions:
+        both = visible[event.objects[0]] & visible[event.objects[1]]
+        either = visible[event.objects[0]] | visible[event.objects[1]]
+        if event.frame >= len(both) or not either[event.frame]:
+            continue
+        if both[event.frame]:
+            kept.append(event)
+            continue
+        frames = np.flatnonzero(both[event.frame :])
+        if len(frames):
+            kept.append(Event("collision", event.frame + int(frames[0]), event.objects))
+    return kept
