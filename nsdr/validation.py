@@ -1,19 +1,19 @@
 """The one validator of configurations, data types and files: declared types with constraints, checked by msgspec.
 
 A field's type says what it may hold: `Literal["adam", "sgd"]`, `Annotated[float, Meta(ge=0, le=1)]`,
-`Annotated[FloatArray, Array("n", 2)]`. Errors name the place, what was expected there and what was found:
-`frames[3].objects[0].score: expected a number from 0 to 1, got 1.5`.
+`Annotated[FloatArray, Array("n", 2)]`. Errors are msgspec's, after the name of the file or the class:
+``proposal_7.json: Expected `float` <= 1.0 - at `$.frames[3].objects[0].score` ``.
 """
 
 import math
 import re
 import reprlib
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
-from types import NoneType, UnionType
-from typing import Annotated, Any, ClassVar, NotRequired, Required, Union, get_args, get_origin, get_type_hints
+from types import NoneType
+from typing import Annotated, Any, ClassVar, get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -34,8 +34,8 @@ Finite = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
 NotNegative = Annotated[float, Meta(ge=0, le=LARGEST)]
 Positive = Annotated[float, Meta(gt=0, le=LARGEST)]
 Share = Annotated[float, Meta(ge=0, le=1)]
-PathName = Annotated[str, Meta(pattern=r"^[^\x00]*[^\x00\s][^\x00]*$", title="a path")]
-"""Some text without null characters. A `title` is what error messages say is expected."""
+PathName = Annotated[str, Meta(min_length=1)]
+"""The path of a file or folder, which has to be given."""
 
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
@@ -43,24 +43,6 @@ BoolArray = NDArray[np.bool_]
 DTYPES = {FloatArray: "f", IntArray: "iu", BoolArray: "b"}
 """Kinds of numpy's types that an array's type stands for."""
 
-MESSAGE = re.compile(r"(.*?)(?: - at (`key` in )?`\$(.*)`)?", re.DOTALL)
-"""A msgspec error: the reason, whether it is a key that is wrong, and the place."""
-STEP = re.compile(r"\.([^.\[\]`]+)|\[(\d+|\.\.\.)\]")
-"""A step of the place in a msgspec error: a key, an index, or "..." for a value of a mapping."""
-WORDS: dict[type, str] = {
-    inspect.IntType: "a whole number",
-    inspect.FloatType: "a number",
-    inspect.StrType: "a text",
-    inspect.BoolType: "true or false",
-    inspect.NoneType: "null",
-    inspect.ListType: "a list",
-    inspect.VarTupleType: "a list",
-    inspect.TupleType: "a list",
-    inspect.DictType: "an object",
-    inspect.StructType: "an object",
-    inspect.TypedDictType: "an object",
-}
-"""What a type expects, in words."""
 SHORT = reprlib.Repr()
 SHORT.maxstring = SHORT.maxother = 50
 
@@ -86,13 +68,13 @@ class Checked:
     Arrays become read-only views of those passed in.
 
     Raises:
-        DataError: names the class, the field, what was expected and what was found.
+        DataError: names the class, the field and what was expected.
     """
 
     _is_named: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_fields(self, f"{type(self).__name__}." if self._is_named else "")
+        check_fields(self, f"{type(self).__name__}: " if self._is_named else "")
 
 
 @dataclass(frozen=True)
@@ -103,7 +85,7 @@ class Settings(Checked):
 
 
 def check_fields(owner: Any, where: str) -> None:
-    """What `Checked` does, of any dataclass; `where` stands before the name of the field in errors."""
+    """Check the fields of any dataclass as `Checked` does; errors begin with `where`."""
     kind: Any = type(owner)
     struct, arrays = _declared(kind)
     try:
@@ -114,61 +96,27 @@ def check_fields(owner: Any, where: str) -> None:
         _check_arrays(owner, arrays, where)
 
 
-def convert(document: Any, kind: Any, where: str = "", place: str = "") -> Any:
+def convert(document: Any, kind: Any, where: str = "") -> Any:
     """A value of the type `kind` from plain values, such as the content of a JSON file.
 
     Args:
         document: dictionaries, lists, texts and numbers.
         kind: a msgspec structure, a `TypedDict`, or a type made of them.
-        where: what stands before the place in the document, for error messages: "file.json: ".
-        place: the document's place in a larger one, such as "[3]".
+        where: the file or the place in it, with which error messages begin: "file.json: ".
 
     Raises:
-        DataError: names the place, what was expected and what was found.
+        DataError: msgspec's message, which says what was expected, and at which place.
     """
     try:
         return msgspec.convert(document, kind, str_keys=True)
     except msgspec.ValidationError as e:
-        raise DataError(explained(e, document, kind, where, place)) from e
+        raise DataError(f"{where}{e}") from e
     except RecursionError as e:
         raise DataError(f"{where}nested too deeply") from e
 
 
-def explained(error: msgspec.ValidationError, document: Any, kind: Any, where: str = "", place: str = "") -> str:
-    """msgspec's error in words: the place, what was expected, what was found. Arguments are those of `convert`.
-
-    `place` is that of the document in a larger one.
-    """
-    reason, key, path = MESSAGE.fullmatch(str(error)).groups()  # type: ignore[union-attr]
-    value = document
-    for name, index in STEP.findall(path or ""):
-        kind = _inside(kind, name or index)
-        if index == "...":
-            for key, item in value.items():
-                try:
-                    msgspec.convert(item, kind, str_keys=True)
-                except msgspec.ValidationError as e:
-                    return explained(e, item, kind, where, f"{place}.{key}")
-        place += f".{name}" if name else f"[{index}]"
-        value = value[name or int(index)] if isinstance(value, Mapping | list | tuple) else getattr(value, name)
-    if error.__cause__ is None:
-        missing = re.fullmatch(r"Object missing required field `(\w+)`", reason)
-        expected = f"keys that are {_expected(_inside(kind, '0'))}" if key else _expected(kind)
-        reason = (
-            f"missing key {missing[1]!r}"
-            if missing
-            else f"expected {expected}, got {shown(list(value) if key else value)}"
-        )
-    elif reason.startswith((".", "[")):
-        return f"{where}{(place + reason).removeprefix('.')}"
-    return where + (f"{place.removeprefix('.')}: {reason}" if place else reason)
-
-
 def expect(fits: bool, place: str, expected: str, found: Any) -> None:
-    """Raise `DataError` unless a value fits, for rules that types cannot say. What is `found` may be said in words.
-
-    In the `__post_init__` of a msgspec structure, a `place` that begins with "." or "[" is one inside it.
-    """
+    """Raise `DataError` unless a value fits, for rules that types cannot say. What is `found` may be said in words."""
     if not fits:
         raise DataError(f"{place}: expected {expected}, got {found if isinstance(found, str) else shown(found):.80}")
 
@@ -178,10 +126,7 @@ def one_of(words: Iterable[str]) -> Meta:
 
     A union of a text with a pattern and a list or mapping crashes msgspec 0.22.
     """
-    known = list(words)
-    return Meta(
-        pattern=f"^({'|'.join(map(re.escape, known))})$", title=f"one of {', '.join(w or repr(w) for w in known)}"
-    )
+    return Meta(pattern=f"^({'|'.join(map(re.escape, words))})$")
 
 
 def shown(value: Any) -> str:
@@ -190,66 +135,6 @@ def shown(value: Any) -> str:
         return f"{SHORT.repr(value.item() if isinstance(value, np.generic) else value):.60}"
     except ValueError:  # more digits than Python prints
         return "a huge number"
-
-
-def _options(kind: Any) -> Iterator[Any]:
-    """The members of a union, without annotations."""
-    origin = get_origin(kind)
-    if origin in (Annotated, NotRequired, Required):
-        yield from _options(get_args(kind)[0])
-    elif origin in (Union, UnionType):
-        for option in get_args(kind):
-            yield from _options(option)
-    else:
-        yield kind
-
-
-def _inside(kind: Any, step: str) -> Any:
-    """The type of a key's value or an item."""
-    for option in _options(kind):
-        items = [a for a in get_args(option) if a is not Ellipsis]
-        if isinstance(option, type) and issubclass(option, msgspec.Struct):
-            keys = {f.encode_name: f.type for f in msgspec.structs.fields(option)}
-        else:
-            keys = {} if items else get_type_hints(option, include_extras=True)
-        if step in keys:
-            return keys[step]
-        if items:
-            return items[min(int(step), len(items) - 1)] if step.isdigit() else items[-1]
-    return Any
-
-
-def _expected(kind: Any) -> str:
-    """What a type expects, in words: "a number from 0 to 1 or null"."""
-    while get_origin(kind) in (NotRequired, Required):
-        kind = get_args(kind)[0]
-    info = inspect.type_info(kind)
-    return " or ".join(_described(i) for i in (info.types if isinstance(info, inspect.UnionType) else (info,)))
-
-
-def _described(info: Any) -> str:
-    if isinstance(info, inspect.Metadata):
-        return str((info.extra_json_schema or {}).get("title")) or _described(info.type)
-    if isinstance(info, inspect.LiteralType):
-        return f"one of {', '.join(str(v) or repr(v) for v in info.values)}"
-    name = WORDS.get(type(info)) or f"a {getattr(getattr(info, 'cls', None), '__name__', 'value')}"
-    length = getattr(info, "min_length", None), getattr(info, "max_length", None)
-    if isinstance(info, inspect.TupleType):
-        length = (len(info.item_types),) * 2
-    if length != (None, None):
-        low, high = length
-        unit = "characters" if isinstance(info, inspect.StrType) else "items"
-        return f"{name} of {low if low == high else f'{low or 0} to {high}' if high else f'{low} or more'} {unit}"
-    if not isinstance(info, inspect.IntType | inspect.FloatType):
-        return name
-    low, high = (None if n in (None, LARGEST, -LARGEST) else n for n in (info.ge, info.le))
-    if info.gt is not None:
-        return f"{name} above {info.gt:g}" + ("" if high is None else f", up to {high:g}")
-    if info.lt is not None:
-        return f"{name} from {low:g}, below {info.lt:g}"
-    if low is None and high is None:
-        return name.replace("a", "a finite", 1) if info.le is not None else name
-    return f"{name} from {low:.10g} " + ("on" if high is None else f"to {high:.10g}")
 
 
 @cache

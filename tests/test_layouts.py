@@ -176,8 +176,8 @@ def test_question_files_are_read_in_every_form(text: str, tmp_path: Path) -> Non
         ('[{"scene_index": 1, "video_filename": "a.mp4", "questions": []}]', "its 1 scenes have none"),
         ('{"first": []}', "'first': expected the name or number of a video"),
         ('{"video_3.mp4": {"scene_index": 4, "questions": []}}', r"video_3\.mp4\.scene_index: expected 3, got 4"),
-        ('{"question": "Why?"}\n{"question": "How?"}', "line 1: scene_index: expected a whole number"),
-        ('{"1": [{"question_id": 0}]}', r"1\.questions\[0\]: missing key"),
+        ('{"question": "Why?"}\n{"question": "How?"}', "line 1: .*scene_index`"),
+        ('{"1": [{"question_id": 0}]}', r"1: .*questions\[0\]`"),
     ],
 )
 def test_malformed_question_files_name_the_place(text: str, message: str, tmp_path: Path) -> None:

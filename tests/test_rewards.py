@@ -285,13 +285,13 @@ def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) 
     assert [evidence([text], **evidence_columns(path))[0] for path in paths] == [1, 1, 0]
     assert read_scene(str(tmp_path / "annotation.json")).unseen is None
     assert len(read_scene(str(TRUTH)).objects) == len(example_scene.objects)
-    with pytest.raises(DataError, match=r"other\.json: missing key 'scene_index'"):
+    with pytest.raises(DataError, match=r"other\.json: .*`scene_index`"):
         evidence([text], **evidence_columns(tmp_path / "other.json"))
     (tmp_path / "broken.json").write_text(json.dumps({**truth, "frames": []}))
     with pytest.raises(DataError, match=r"broken\.json: frames"):
         evidence([text], **evidence_columns(tmp_path / "broken.json"))
     (tmp_path / "number.json").write_text(json.dumps({**annotation, "motion_trajectory": 5}))
-    with pytest.raises(DataError, match=r"number\.json: .*motion_trajectory: expected a list, got 5"):
+    with pytest.raises(DataError, match=r"number\.json: .*motion_trajectory`"):
         evidence([text], **evidence_columns(tmp_path / "number.json"))
     (tmp_path / "part.json").write_text(json.dumps({"type": "Scene"}))
     with pytest.raises(DataError) as refused:

@@ -46,7 +46,7 @@ def test_the_worked_example_is_right() -> None:
 
 
 def test_uncertain_collisions_are_checked(small_scene: Scene) -> None:
-    with pytest.raises(DataError, match=r"UncertainCollision.probability: expected a number from 0 to 1, got 1.5"):
+    with pytest.raises(DataError, match=r"UncertainCollision: .*probability`"):
         UncertainCollision(HIT, 1.5)
     with pytest.raises(DataError, match=r"UncertainCollision.event: expected a collision at a frame"):
         UncertainCollision(Event("in", 3, (0,)), 0.5)

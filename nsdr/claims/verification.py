@@ -97,7 +97,7 @@ def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) ->
         DataError: `text` is not a text, or the tolerance is not a whole number of at least 0.
     """
     expect(isinstance(text, str), "verify.text", "a text", text)
-    convert({"tolerance_frames": tolerance_frames}, dict[str, Count], "verify.")
+    convert(tolerance_frames, Count, "verify.tolerance_frames: ")
     checker = StatementChecker(scene, tolerance_frames)
     claims: list[Claim] = []
     skipped: list[tuple[int, int]] = []

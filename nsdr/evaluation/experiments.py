@@ -116,7 +116,7 @@ def read_experiment(path: str | Path) -> tuple[str, list[ExperimentRow]]:
 
 def _row(common: Mapping[str, Any], given: Mapping[str, Any], place: str) -> ExperimentRow:
     own = {k: v for k, v in given.items() if k not in OWN_KEYS}
-    where = f"row {given['name']!r}: " if isinstance(given.get("name"), str) else f"{place}."
+    where = f"row {given['name']!r}: " if isinstance(given.get("name"), str) else f"{place}: "
     row: ExperimentRow = convert({k: v for k, v in given.items() if k in OWN_KEYS}, ExperimentRow, where)
     try:
         if row.training and row.baseline != "frequent":

@@ -34,10 +34,10 @@ class _Record(msgspec.Struct):
     def __post_init__(self) -> None:
         check_lines("", file_name=self.file_name)
         path = PurePosixPath(self.file_name)
-        expect(not path.is_absolute() and ".." not in path.parts, ".file_name", "a file below images/", self.file_name)
-        check_limit(len(self.objects), "frame_objects", ".objects")
+        expect(not path.is_absolute() and ".." not in path.parts, "file_name", "a file below images/", self.file_name)
+        check_limit(len(self.objects), "frame_objects", "objects")
         for i, o in enumerate(self.objects):
-            mask, place = o.segmentation, f".objects[{i}].segmentation"
+            mask, place = o.segmentation, f"objects[{i}].segmentation"
             same = mask.size == self.objects[0].segmentation.size
             expect(same, f"{place}.size", "that of the first object", list(mask.size))
             check_limit(mask.size[0] * mask.size[1], "image_pixels", f"{place}.size")

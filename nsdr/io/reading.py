@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError, MachineError, machine_error
 from nsdr.io.files import check_name
 from nsdr.io.limits import check_limit, limits
-from nsdr.validation import explained
 
 GZIP_MAGIC = b"\x1f\x8b"
 """First bytes of every gzip file."""
@@ -99,15 +98,15 @@ def parse_json(data: bytes, name: str, kind: Any = Any) -> Any:
         kind: type of the content: a msgspec structure, a `TypedDict`, or a type made of them.
 
     Raises:
-        DataError: not JSON (NaN and Infinity are not), or the content is of another type: names `name`, and the place, what
-            was expected there and what was found.
+        DataError: not JSON (NaN and Infinity are not), or the content is of another type: names `name`, what was expected, and
+            the place.
     """
     with _named(name, "JSON file"):
         text = _text(data, name)
         try:
             return msgspec.json.decode(text, type=kind)
         except msgspec.ValidationError as e:
-            raise DataError(explained(e, msgspec.json.decode(text), kind, f"{name}: ")) from e
+            raise DataError(f"{name}: {e}") from e
 
 
 def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:

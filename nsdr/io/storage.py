@@ -134,7 +134,7 @@ def _decoded(tree: Any, where: str) -> Any:
         check_limit(sum(len(v) for _, v in rows if isinstance(v, list)), "events", place)
         return {k: _decoded(v, f"{where}.map[{i}][1]") for i, (k, v) in enumerate(rows)}
     if "dtype" in tree or "values" in tree:
-        stored: _StoredArray = convert(tree, _StoredArray, f"{place}.")
+        stored: _StoredArray = convert(tree, _StoredArray, f"{place}: ")
         return stored.array(place)
     content: dict[Any, Any] = dict(tree)
     name = content.pop("type", None)
@@ -152,7 +152,7 @@ def _decoded(tree: Any, where: str) -> Any:
         inspect.signature(kind).bind(**decoded)
         value = kind(**decoded)
         if not isinstance(value, Checked):
-            check_fields(value, f"{name}.")
+            check_fields(value, f"{name}: ")
     except TypeError as e:
         raise DataError(f"{place}: not a {name}: {e}") from e
     except DataError as e:

@@ -215,7 +215,7 @@ def check_ground_truth(block: Any, where: str = "ground_truth", n_frames: int = 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
-    _check_block(convert(block, _Block, f"{where}."), where, n_frames)
+    _check_block(convert(block, _Block, f"{where}: "), where, n_frames)
 
 
 def _check_block(content: _Block, where: str, n_frames: int) -> None:

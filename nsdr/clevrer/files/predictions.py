@@ -92,9 +92,9 @@ class PredictedCollision(msgspec.Struct):
     objects: tuple[Described, Described]
 
     def __post_init__(self) -> None:
-        check_frame(self.frame, ".frame")
+        check_frame(self.frame, "frame")
         first, second = (" ".join(o.triple) for o in self.objects)
-        expect(first != second, ".objects", "two different objects", f"{first} twice")
+        expect(first != second, "objects", "two different objects", f"{first} twice")
 
 
 class Prediction(msgspec.Struct):
@@ -105,10 +105,10 @@ class Prediction(msgspec.Struct):
     collisions: list[PredictedCollision]
 
     def __post_init__(self) -> None:
-        check_limit(len(self.collisions), "events", ".collisions")
+        check_limit(len(self.collisions), "events", "collisions")
         before = -1
         for s, sample in enumerate(self.trajectory):
-            place = f".trajectory[{s}]"
+            place = f"trajectory[{s}]"
             check_frame(sample.frame_index, f"{place}.frame_index")
             expect(sample.frame_index > before, f"{place}.frame_index", f"more than {before}", sample.frame_index)
             before = sample.frame_index
@@ -125,16 +125,16 @@ class PredictionFile(msgspec.Struct):
 
     def __post_init__(self) -> None:
         n = len(self.objects)
-        check_limit(n, "scene_objects", ".objects")
+        check_limit(n, "scene_objects", "objects")
         for i, o in enumerate(self.objects):
-            expect(o.id == i, f".objects[{i}].id", str(i), o.id)
-        check_unique([" ".join(o.triple) for o in self.objects], ".objects")
-        expect(len(self.predictions) > 0, ".predictions", "at least 1", "none")
+            expect(o.id == i, f"objects[{i}].id", str(i), o.id)
+        check_unique([" ".join(o.triple) for o in self.objects], "objects")
+        expect(len(self.predictions) > 0, "predictions", "at least 1", "none")
         for p, prediction in enumerate(self.predictions):
             fits = prediction.what_if == NOTHING_REMOVED if p == 0 else 0 <= prediction.what_if < n
             expected = f"{NOTHING_REMOVED} (nothing removed)" if p == 0 else f"0 to {n - 1}"
-            expect(fits, f".predictions[{p}].what_if", expected, prediction.what_if)
-        check_unique([p.what_if for p in self.predictions], ".predictions", ".what_if")
+            expect(fits, f"predictions[{p}].what_if", expected, prediction.what_if)
+        check_unique([p.what_if for p in self.predictions], "predictions", ".what_if")
 
 
 def read_predictions(path: str | Path) -> PredictionFile:

@@ -74,12 +74,12 @@ class _File(msgspec.Struct):
     notes: list[str] = []
 
     def __post_init__(self) -> None:
-        expect(len(self.frames) > 0, ".frames", "at least 1", "none")
+        expect(len(self.frames) > 0, "frames", "at least 1", "none")
         first = self.frames[0].frame_index
-        expect(first == 0, ".frames[0].frame_index", "0, as frames are numbered from 0", first)
+        expect(first == 0, "frames[0].frame_index", "0, as frames are numbered from 0", first)
         before = -1
         for f, frame in enumerate(self.frames):  # the irregular video 7648 skips some
-            place = f".frames[{f}]"
+            place = f"frames[{f}]"
             check_frame(frame.frame_index, f"{place}.frame_index")
             expect(frame.frame_index > before, f"{place}.frame_index", "ascending frames", frame.frame_index)
             before = frame.frame_index
@@ -90,7 +90,7 @@ class _File(msgspec.Struct):
                     size == [HEIGHT_PX, WIDTH_PX], f"{place}.objects[{i}].mask.size", f"[{HEIGHT_PX}, {WIDTH_PX}]", size
                 )
         n, most = self.n_frames, limits().frames
-        expect(n is None or before < n <= most, ".n_frames", f"{before + 1} to {most}", n)
+        expect(n is None or before < n <= most, "n_frames", f"{before + 1} to {most}", n)
 
 
 class _FileWithTruth(_File, kw_only=True):

@@ -150,7 +150,9 @@ def read_questions(path: str | Path) -> list[SceneQuestions]:
         places = [f"{name}: [{s}]." for s in range(len(scenes))]
     except msgspec.DecodeError:
         rows = _scene_rows(data, name)
-        scenes = [convert(row.content, SceneQuestions, row.where, row.place) for row in rows]
+        scenes = [
+            convert(row.content, SceneQuestions, f"{row.where}{row.place}{': ' if row.place else ''}") for row in rows
+        ]
         places = [f"{row.where}{row.place}{'.' if row.place else ''}" for row in rows]
     if not scenes:
         raise DataError(f"{path}: holds no scenes; expected at least 1 question")

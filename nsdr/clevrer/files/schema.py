@@ -38,8 +38,10 @@ Coordinate = Annotated[float, Meta(ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Pair = tuple[Count, Count]
 Program = Annotated[tuple[str, ...], Meta(min_length=1)]
-RecordId = Annotated[str, Meta(pattern=r"^[0-9]{1,9}-[0-9]{1,9}$", title="SCENE_INDEX-QUESTION_ID, such as 10003-7")]
-FileName = Annotated[str, Meta(pattern=r"^(?!\.{1,2}$)[^/\\\x00-\x1f]+$", title="the name of a file without a folder")]
+RecordId = Annotated[str, Meta(pattern=r"^[0-9]{1,9}-[0-9]{1,9}$")]
+"""SCENE_INDEX-QUESTION_ID, such as 10003-7."""
+FileName = Annotated[str, Meta(pattern=r"^(?!\.{1,2}$)[^/\\\x00-\x1f]+$")]
+"""The name of a file without a folder."""
 
 
 class Words(TypedDict):
@@ -84,5 +86,6 @@ def check_lines(place: str, **texts: str | None) -> None:
     """Each is a line of text, not too long; raises `DataError` that names the place and the key."""
     for key, text in texts.items():
         if text is not None:
-            check_limit(len(text), "text_characters", f"{place}.{key}")
-            expect(bool(text.strip()) and text.isprintable(), f"{place}.{key}", "a line of text", repr(text))
+            inside = f"{place}.{key}" if place else key
+            check_limit(len(text), "text_characters", inside)
+            expect(bool(text.strip()) and text.isprintable(), inside, "a line of text", repr(text))
