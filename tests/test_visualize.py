@@ -19,10 +19,11 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.io.video import read_video
 from nsdr.pipeline import Perception, Pipeline
+from nsdr.symbolic.causal import direct_causes
 from nsdr.types import LAWS, DynamicsPrediction, Judgement, Rollout, Violation
 from nsdr.visualize import annotated_image, stroboscopic_image, write_report
 from nsdr.visualize.annotate import write_image
-from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+from nsdr.visualize.figures import figure_png, new_figure, plan_figure
 from nsdr.visualize.html_parts import thumbnail
 from nsdr.visualize.violations import JudgedVideo, judgement_html, write_judgements
 from nsdr.world.vocabulary import COLORS
@@ -118,7 +119,10 @@ def test_report_has_a_video_objects_events_and_collapsed_numbered_steps(perceive
         assert re.findall(r"<tr><td class=number>(\d+)", table) == [str(i + 1) for i in range(int(count))]
     assert "<code>filter_color</code> (2, purple)" in tables[0][1]
     assert "://" not in page  # self-contained
-    assert page.count("<g class=event") == len(p.scene.events) + len(p.scene.unseen)
+    events = [*p.scene.events, *p.scene.unseen]
+    assert page.count("<g class=event") == len(events)
+    causes = sum(len(found) for found in direct_causes(events))
+    assert page.count("<path class=cause ") == causes > 0
     first = next(e for e in p.scene.events if e.kind == "collision")
     assert (
         f"const v=document.querySelector('#video video');if(v){{v.pause();v.currentTime={(first.frame + 0.5) / 25:.2f}"
@@ -166,15 +170,6 @@ def test_plan_shows_as_seen_only_what_is_in_the_image() -> None:
     figure_png(figure)
 
 
-def test_stars_of_the_causal_figure_are_on_no_objects_row(perceived) -> None:
-    scene = perceived[1].scene
-    figure = causal_figure(scene)
-    stars = [line.get_ydata()[0] for line in figure.axes[0].lines if line.get_marker() == "*"]
-    assert len(stars) == sum(e.kind == "collision" for e in scene.events)
-    assert all(star % 1 == 0.5 for star in stars)
-    figure_png(figure)
-
-
 @pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128")
 def test_several_pictures_of_one_perception(short_video, tmp_path, capsys, monkeypatch) -> None:
     calls = []
@@ -185,7 +180,7 @@ def test_several_pictures_of_one_perception(short_video, tmp_path, capsys, monke
     question = ["-q", "How many collisions happen?"]
     assert main(["visualize", str(short_video), *question, "--image", "all", *outputs]) == 0
     assert len(calls) == 1
-    images = [f"image_{image}.png" for image in ("strobe", "last", "plan", "causal")]
+    images = [f"image_{image}.png" for image in ("strobe", "last", "plan")]
     assert capsys.readouterr().out.splitlines() == [str(tmp_path / "new" / n) for n in (*images, *names[1:])]
     for image in images:
         assert cv2.imread(str(tmp_path / "new" / image)).std() > 5
@@ -203,10 +198,10 @@ def test_pictures_of_a_saved_scene(perceived, tmp_path, capsys) -> None:
     save(replace(p.scene, dynamics=p.explanation.prediction), scene)
     save(p.scene, bare)
     assert main(["visualize", str(scene), "--image", "all", "-o", str(plan), "-o", str(page)]) == 0
-    assert sorted(f.name for f in tmp_path.glob("*.png")) == ["plan_causal.png", "plan_plan.png"]
+    assert [f.name for f in tmp_path.glob("*.png")] == ["plan_plan.png"]
     assert "Without each object" in page.read_text()
-    assert main(["visualize", str(bare), "-o", str(tmp_path / "causal.png")]) == 0
-    assert main(["visualize", str(bare), "--image", "plan", "-o", str(plan)]) == 2
+    assert main(["visualize", str(bare), "-o", str(page)]) == 0
+    assert main(["visualize", str(bare), "-o", str(plan)]) == 2
     assert "holds no trajectories for --image plan; make it again with nsdr parse-video" in capsys.readouterr().err
     assert main(["visualize", str(scene), "-o", str(tmp_path / "a.mp4")]) == 2
     assert "is a saved scene, which has no frames for mp4; give the video" in capsys.readouterr().err
@@ -277,9 +272,9 @@ def test_a_box_is_thin_where_its_object_is_not_seen(perceived) -> None:
     assert unseen != thumbnail(frames[f], f, p.tracks, [])
 
 
-def test_figures_leave_the_users_matplotlib_alone(small_scene) -> None:
+def test_figures_leave_the_users_matplotlib_alone() -> None:
     before = matplotlib.get_backend(), pyplot.get_fignums()
     matplotlib.use("pdf")
-    assert figure_png(causal_figure(small_scene)).startswith(b"\x89PNG")
+    assert figure_png(new_figure(4, 3)).startswith(b"\x89PNG")
     assert (matplotlib.get_backend(), pyplot.get_fignums()) == ("pdf", before[1])
     matplotlib.use(before[0])

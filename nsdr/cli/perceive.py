@@ -30,10 +30,8 @@ from nsdr.types import Scene
 
 DECIMALS = 3
 """Decimals of positions (world units) and speeds (world units/s) in a saved scene."""
-IMAGES = ("strobe", "last", "plan", "causal")
-"""Images of a video."""
-OF_SCENES = ("plan", "causal")
-"""Those that also show a saved scene, `plan` where the file has trajectories."""
+IMAGES = ("strobe", "last", "plan")
+"""Images of a video. Only the plan can be drawn of a saved scene, if its file has trajectories."""
 
 
 def parse_video_options(parser: Any) -> None:
@@ -176,7 +174,7 @@ def visualize_options(parser: Any) -> None:
     add("video", help=f"{VIDEO}, or a scene saved by parse-video")
     add("-q", "--question", default=None, help="for an HTML report: a question")
     add("-c", "--choice", action="append", default=[], help="its options; repeat it for each")
-    image = "for a PNG: which image (default: strobe; of a saved scene, causal); all adds each one's name to the file's"
+    image = "for a PNG: which image (default: strobe; of a saved scene, plan); all adds each one's name to the file's"
     add("--image", default=None, choices=[*IMAGES, "all"], help=image)
     add("--removed", type=NonNegativeInt, default=None, help="plan: draw the scene without this object")
     output = "file ending in .mp4, .png or .html; repeatable"
@@ -191,7 +189,7 @@ def visualize(options: Any) -> int:
     images = {image for _, image in pictures}
     if "mp4" in images:
         check_installed("av", "writing videos needs PyAV", "visualize")
-    if images & {*OF_SCENES, "html"}:
+    if images & {"plan", "html"}:
         check_installed("matplotlib", "figures need matplotlib", "visualize")
     scene = load(Scene, options.video) if saved else None
     if scene is not None:
@@ -206,7 +204,7 @@ def visualize(options: Any) -> int:
         raise DataError(f"--removed {options.removed}: the objects are 0 to {len(p.scene.objects) - 1}")
     answers = [pipeline.answer(p.scene, options.question, options.choice or None)] if options.question else []
     frames = None
-    if not saved and not images <= {*OF_SCENES}:
+    if not saved and images != {"plan"}:
         frames = frames_of(pipeline, options.video)
     for path, image in pictures:
         _write_picture(path, image, frames, p, answers, options.removed)
@@ -239,17 +237,17 @@ def _pictures(options: Any, saved: bool) -> list[tuple[str, str]]:
         raise DataError("--image does nothing here; it needs an output ending in .png")
     if options.removed is not None and options.image not in ("plan", "all"):
         raise DataError("--removed does nothing here; it needs --image plan")
-    wanted = options.image or ("causal" if saved else "strobe")
+    wanted = options.image or ("plan" if saved else "strobe")
     pictures = []
     for path, kind in kinds.items():
         if kind == "png" and wanted == "all":
-            for image in OF_SCENES if saved else IMAGES:
+            for image in ("plan",) if saved else IMAGES:
                 file = str(Path(path).with_stem(f"{Path(path).stem}_{image}"))
                 check_output(file, (".png",), taken)
                 pictures.append((file, image))
         else:
             pictures.append((path, wanted if kind == "png" else kind))
-    impossible = [image for _, image in pictures if saved and image not in (*OF_SCENES, "html")]
+    impossible = [image for _, image in pictures if saved and image not in ("plan", "html")]
     if impossible:
         raise DataError(f"{options.video}: is a saved scene, which has no frames for {impossible[0]}; give the video")
     return pictures
@@ -258,7 +256,7 @@ def _pictures(options: Any, saved: bool) -> list[tuple[str, str]]:
 def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any], removed: int | None) -> None:
     from nsdr.visualize import annotated_image, stroboscopic_image, write_annotated_video, write_report
     from nsdr.visualize.annotate import write_image
-    from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+    from nsdr.visualize.figures import figure_png, plan_figure
 
     if image == "html":
         write_report(path, frames, p, answers)
@@ -269,8 +267,7 @@ def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any
     elif image == "strobe":
         write_image(path, stroboscopic_image(frames, p.proposals, p.tracks))
     else:
-        figure = plan_figure(p.explanation.prediction, removed, p.camera) if image == "plan" else causal_figure(p.scene)
-        write_file(path, figure_png(figure))
+        write_file(path, figure_png(plan_figure(p.explanation.prediction, removed, p.camera)))
 
 
 FUNCTIONS = {

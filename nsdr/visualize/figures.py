@@ -1,4 +1,4 @@
-"""Matplotlib figures: the ground seen from above with its rollouts, and the causal graph over time."""
+"""A Matplotlib figure of the ground seen from above with the trajectories of a rollout."""
 
 import io
 from typing import Any
@@ -7,10 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.io.files import check_installed
-from nsdr.symbolic.causal import direct_causes
-from nsdr.types import DynamicsPrediction, Rollout, Scene
+from nsdr.types import DynamicsPrediction, Rollout
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
-from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import COLORS_RGB
 
 DPI = 150
@@ -37,9 +35,9 @@ NUMBER_OFFSET_PT = (6, 4)
 
 
 def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, camera: Camera = CLEVRER_CAMERA) -> Any:
-    """The ground from above: trajectories solid while an object is in the image, dashed before it enters, after it leaves and
-    after the video; and collisions as numbered stars.
+    """The ground from above with trajectories, and collisions as numbered stars.
 
+    A trajectory is solid while its object is in the image, and dashed before it enters, after it leaves and after the video.
     Stars of observed collisions are filled. The legend has the names of the objects and the frames of the collisions. With an
     object removed, grey lines are the trajectories with it.
 
@@ -119,53 +117,6 @@ def _extent(prediction: DynamicsPrediction, rollout: Rollout) -> tuple[NDArray[A
     return low, np.vstack([points + PLAN_MARGIN_WORLD, smallest[1:]]).max(0)
 
 
-def causal_figure(scene: Scene) -> Any:
-    """Every object's line over time with its events; arrows lead from each event to the events it directly causes.
-
-    Args:
-        scene: with events of the video.
-
-    Returns:
-        A matplotlib figure.
-
-    Raises:
-        DataError: matplotlib is missing.
-    """
-    n = len(scene.objects)
-    figure = new_figure(8, 0.55 * n + 1.3)
-    axes = figure.subplots()
-    for o in scene.objects:
-        visible = np.flatnonzero(scene.visible[o.id])
-        color = np.array(COLORS_RGB[o.color]) / 255
-        if len(visible):
-            axes.plot(visible[[0, -1]], [o.id, o.id], color=color, lw=3, solid_capstyle="round", zorder=2)
-    positions = [(e.frame, _between(*e.objects) if e.kind == "collision" else e.objects[0]) for e in scene.events]
-    for event, position in zip(scene.events, positions, strict=True):
-        if event.kind == "collision":
-            axes.plot([event.frame] * 2, event.objects, color="black", lw=1.2, zorder=1)
-            axes.plot([event.frame] * 2, event.objects, "o", color="black", ms=4, zorder=3)
-            axes.plot(*position, "*", ms=STAR_SIZE_PT, mfc="gold", mec="black", zorder=5)
-        else:
-            axes.plot(*position, ">" if event.kind == "in" else "X", ms=9, mfc="white", mec="black", zorder=5)
-    arrow = {"arrowstyle": "-|>", "color": "crimson", "lw": 1.4, "shrinkA": 7, "shrinkB": 7}
-    for index, causes in enumerate(direct_causes(scene.events)):
-        for cause in causes:
-            curved = {**arrow, "connectionstyle": "arc3,rad=0.25"}
-            axes.annotate("", positions[index], positions[cause], arrowprops=curved, zorder=4)
-    axes.set(xlim=(-2, scene.n_frames + 1), ylim=(n - 0.4, -0.6), xlabel=f"frame ({FPS} a second)")
-    axes.set_yticks(range(n), [f"{o.id} {o.name}" for o in scene.objects])
-    axes.set_title("Events (star: collision, arrow head: enters, cross: leaves) and their direct causes", fontsize=9)
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
-    return figure
-
-
-def _between(first: int, second: int) -> float:
-    """A place between two rows, on none, as near to their middle as there is."""
-    low, high = sorted((first, second))
-    return low + (high - low - 1) // 2 + 0.5
-
-
 def figure_png(figure: Any) -> bytes:
     """A matplotlib figure as the bytes of a PNG file."""
     buffer = io.BytesIO()
@@ -174,7 +125,7 @@ def figure_png(figure: Any) -> bytes:
 
 
 def new_figure(width_in: float, height_in: float) -> Any:
-    """An empty matplotlib figure of that size (inches). It is none of pyplot's, whose windows and settings are the user's.
+    """An empty matplotlib figure of that size (inches), made without pyplot, whose windows and settings are the user's.
 
     Raises:
         DataError: matplotlib is missing.

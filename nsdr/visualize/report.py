@@ -14,7 +14,7 @@ from nsdr.pipeline import Perception
 from nsdr.types import Answer, Remove, Simulation
 from nsdr.visualize.annotate import STROBE_EVERY, stroboscopic_image, write_annotated_video
 from nsdr.visualize.event_words import change_text
-from nsdr.visualize.figures import causal_figure, figure_png, plan_figure
+from nsdr.visualize.figures import figure_png, plan_figure
 from nsdr.visualize.html_parts import answer_html, figure_html, jpeg, notes_html, summary_html, write_page
 from nsdr.visualize.timeline import TIMELINE_STYLE, event_picture, timeline_html
 
@@ -51,7 +51,7 @@ def write_report(
     if explanation is not None:
         caption = "From above: trajectories in the video solid, predicted ones dashed."
         body.append(figure_html(figure_png(plan_figure(explanation.prediction, camera=perception.camera)), caption))
-    body += [figure_html(figure_png(causal_figure(scene)), "Causal graph."), "</div>"]
+    body.append("</div>")
     if explanation is not None:
         body += ["<h2>Without each object</h2>", *_removals(perception, frames, answers)]
     body += [answer_html(answer, perception, frames) for answer in answers]

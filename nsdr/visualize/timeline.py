@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.pipeline import Perception
+from nsdr.symbolic.causal import direct_causes
 from nsdr.symbolic.traces import percent
 from nsdr.types import Event, Rollout, Scene, SceneObject
 from nsdr.visualize.event_words import event_text
@@ -17,6 +18,8 @@ from nsdr.world.vocabulary import COLORS_RGB
 
 LABEL_WIDTH, LANE_WIDTH, LANE_HEIGHT, AXIS_HEIGHT = 170, 550, 24, 24
 """Sizes of the drawing (units of its view box)."""
+HEAD_LENGTH = 6
+"""Length of the head of an arrow, and from its tip to the event's place (units of the view box)."""
 TICK_FRAMES = 25
 """Frames between two numbers on the axis: one second."""
 CARD_WIDTH_PX = 180
@@ -27,7 +30,8 @@ TIMELINE_STYLE = """
 .timeline .axis { stroke: currentColor; opacity: .25 } .timeline .later { fill: currentColor; opacity: .07 }
 .timeline .event { cursor: pointer; outline: none } .timeline .event line { stroke: currentColor; stroke-width: 1.5 }
 .timeline .event circle, .timeline .event path { fill: #ffd23c; stroke: #333; stroke-width: 1 }
-.timeline .hit { fill: transparent }
+.timeline .hit { fill: transparent } .timeline .cause { fill: none; stroke: #d3294b; opacity: .8 }
+.timeline .head { fill: #d3294b }
 .timeline .event:hover line, .timeline .event:focus line { stroke-width: 4 }
 .cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(150px, 1fr)); gap: .6em; margin-top: .6em;
 align-items: start; font: 12px/1.35 system-ui, sans-serif }
@@ -42,7 +46,8 @@ border-radius: 6px; padding: 2px }
 def timeline_html(perception: Perception, frames: NDArray[np.uint8] | None, video: str) -> str:
     """Lanes that show when each object is in the image (light) and moves (strong), marks of the events, and their pictures.
 
-    What is predicted to follow the video lies on a grey ground. Pointing at a mark outlines its picture.
+    An arrow leads from each event to those that it directly causes. What is predicted to follow the video lies on a grey
+    ground. Pointing at a mark outlines its picture.
 
     Args:
         perception: of a video.
@@ -51,7 +56,8 @@ def timeline_html(perception: Perception, frames: NDArray[np.uint8] | None, vide
     """
     scene = perception.scene
     events = [*scene.events, *(scene.unseen or ())]
-    marks = "".join(_mark(event, number, perception, video) for number, event in enumerate(events))
+    marks = _arrows(events, horizon_frame(scene.n_frames))
+    marks += "".join(_mark(event, number, perception, video) for number, event in enumerate(events))
     moving = None if scene.moving is None else scene.moving & scene.visible
     lanes = lanes_html(scene.objects, scene.visible, moving, horizon_frame(scene.n_frames), marks, "events")
     return f"<div class=timeline>{lanes}{_event_cards(perception, frames, video)}</div>"
@@ -156,6 +162,24 @@ def _mark(event: Event, number: int, perception: Perception, video: str) -> str:
     click = _seek(event.frame, video) if event.frame < scene.n_frames else ""
     area = f"<rect class=hit x={x - 7} y={top - 9} width=14 height={bottom - top + 18} />"
     return f"<g class=event tabindex=0 role=button{hover}{click}><title>{title}</title>{shape}{area}</g>"
+
+
+def _arrows(events: Sequence[Event], end: int) -> str:
+    """Arrows to events, given in order of time, from their direct causes; the timeline ends before the frame `end`."""
+    places = [np.array([frame_x(e.frame, end), LANE_HEIGHT * (np.mean(e.objects) + 0.5)]) for e in events]
+    parts = []
+    for place, causes in zip(places, direct_causes(events), strict=True):
+        for start in (places[cause] for cause in causes):
+            bend = np.array([(start[0] + place[0]) / 2, min(start[1], place[1]) - LANE_HEIGHT / 2])
+            ahead = HEAD_LENGTH * (place - bend) / np.linalg.norm(place - bend)
+            tip, back, aside = place - ahead, place - 2 * ahead, ahead[::-1] * [-0.5, 0.5]
+            line, head = (
+                [" ".join(f"{v:.1f}" for v in point) for point in points]
+                for points in ((start, bend, back), (tip, back + aside, back - aside))
+            )
+            parts.append(f"<path class=cause d='M{line[0]}Q{line[1]} {line[2]}' />")
+            parts.append(f"<path class=head d='M{head[0]}L{head[1]}L{head[2]}z' />")
+    return "".join(parts)
 
 
 def _seek(frame: int, video: str) -> str:
