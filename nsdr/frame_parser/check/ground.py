@@ -33,16 +33,6 @@ DARK_QUANTILE, DARKEST = 0.001, 42.0
 """Brightness of CLEVRER's darkest pixels: this quantile over a video's first seconds is 24 to 68 in 14 videos (mean 42)."""
 GAMMA = (0.5, 2.5)
 """Least and largest exponent of a power law that is thought of."""
-TURNS = {
-    "mirrored": (0, True),
-    "rotated by 180 degrees": (2, False),
-    "upside down": (2, True),
-    "rotated by 90 degrees to the left": (1, False),
-    "rotated by 90 degrees to the right": (3, False),
-    "rotated by 90 degrees and mirrored": (1, True),
-    "rotated by 90 degrees and upside down": (3, True),
-}
-"""How an image may be turned: quarter turns to the left, and whether it is mirrored (left-right) before."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +77,6 @@ def over_channels(pick: np.ufunc, images: NDArray[Any]) -> NDArray[Any]:
         (F, H, W), or the same without the last axis.
     """
     return np.asarray(pick(pick(images[..., 0], images[..., 1]), images[..., 2]))
-
-
-def turned(image: NDArray[Any], turn: str) -> NDArray[Any]:
-    """An image (H, W, 3) that was turned as `TURNS` says, turned back."""
-    quarters, is_mirrored = TURNS[turn]
-    back = np.rot90(image, -quarters)
-    return np.ascontiguousarray(back[:, ::-1] if is_mirrored else back)
 
 
 def fit_cells(ways: FloatArray, values: FloatArray, start: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:

@@ -16,7 +16,6 @@ from nsdr.frame_parser.check.ground import (
     cells,
     corrected_levels,
     fit_cells,
-    over_channels,
 )
 from nsdr.frame_parser.check.shots import change, small_gray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -47,9 +46,6 @@ MAX_GROUND_DISTANCE, FOREIGN_GROUND_DISTANCE = 0.48, 1.0
 """`GroundFit.distance` up to which the ground is CLEVRER's, and above which it certainly is not."""
 MIN_COLOR, FOREIGN_COLOR = 0.75, 0.5
 """`GroundFit.color` down to which colours are CLEVRER's, and below which they certainly are not."""
-MIN_SATURATION = 8
-"""Largest difference between the channels of a pixel, below which a video is grey (levels of 255, sharp quantile)."""
-SATURATION_QUANTILE = 0.999
 MAX_TINT = 6.0
 """`GroundFit.tint` up to which white is white (levels of 255)."""
 MAX_BRIGHTNESS, FOREIGN_BRIGHTNESS = 15.0, 112.0
@@ -106,14 +102,14 @@ def reasons(
 
     Args:
         frames: (F, height, width, 3) uint8 RGB, every `SPACING_FRAMES`-th of its first seconds, without bars.
-        image: (height, width, 3), their median, turned back if the video is turned.
+        image: (height, width, 3), their median, mirrored back if the video is mirrored.
         reference: (32, 48, 3) scene without objects that it is compared with.
         ground: how they compare.
         is_corrected: whether its exposure is corrected, by `needed_levels`.
     """
     yield from _of_the_ground(ground, "; corrected" if is_corrected else "")
     if not is_foreign(ground):
-        yield from _of_the_colors(frames, ground)
+        yield from _of_the_colors(ground)
     sparse = frames[:, ::NOISE_SPACING_PX, ::NOISE_SPACING_PX]
     noise = np.median([np.median(cv2.absdiff(a, b)) for a, b in pairwise(sparse)] or [0.0])
     if noise > MAX_NOISE:
@@ -152,21 +148,13 @@ def _of_the_ground(ground: GroundFit, corrected: str) -> Iterator[Reason]:
         yield Reason(False, f"the background has {ground.gain:.0%} of the contrast of the empty scene{why}")
 
 
-def _of_the_colors(frames: NDArray[np.uint8], ground: GroundFit) -> Iterator[Reason]:
-    if ground.color < FOREIGN_COLOR and _is_grey(frames):
-        yield Reason(True, "it is in shades of grey")
-    elif ground.color < -FOREIGN_COLOR:
-        yield Reason(True, "its colours are exchanged, such as red and blue")
-    elif ground.color < MIN_COLOR:
-        text = "the colours of the background are not those of the empty scene; colours may be wrong"
+def _of_the_colors(ground: GroundFit) -> Iterator[Reason]:
+    if ground.color < MIN_COLOR:
+        meaning = "1 if they are, about 0 in shades of grey, -1 if red and blue are exchanged"
+        text = f"the colours of the background are not those of the empty scene (correlation {ground.color:.2f}; {meaning})"
         yield Reason(ground.color < FOREIGN_COLOR, text, unfit=True)
     elif abs(ground.tint) > MAX_TINT:
         yield Reason(False, f"it is tinted {'red' if ground.tint > 0 else 'blue'}; colours may be wrong")
-
-
-def _is_grey(frames: NDArray[np.uint8]) -> bool:
-    spread = over_channels(np.maximum, frames) - over_channels(np.minimum, frames)
-    return bool(np.quantile(spread, SATURATION_QUANTILE) < MIN_SATURATION)
 
 
 def camera_motion(frames: NDArray[np.uint8]) -> float:

@@ -11,7 +11,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from nsdr.errors import VideoError
-from nsdr.frame_parser.check.ground import TURNS, GroundFit, best_fit, read_background, references, turned
+from nsdr.frame_parser.check.ground import GroundFit, best_fit, read_background, references
 from nsdr.frame_parser.check.layout import find_layout, part_of
 from nsdr.frame_parser.check.reasons import (
     MAX_EDGE_PX,
@@ -31,8 +31,8 @@ SAMPLED_SECONDS = 2.56
 """The check looks at this time of a video."""
 MEDIAN_SPACING = 2
 """Every second one of the frames that are looked at makes the median frame, which saves time."""
-TURNED_SHARE = 0.5
-"""A turned image fits if it leaves at most this share of the distance."""
+MIRRORED_SHARE = 0.5
+"""A video is mirrored if mirroring its image leaves at most this share of the distance."""
 MIN_RANGE = 4.0
 """Range of brightness of a frame below which it shows nothing (levels of 255)."""
 DARK, WHITE = 25.0, 230.0
@@ -195,12 +195,11 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
     ground, reference = best_fit(image, expected)
     refused: list[str] = []
     if ground.distance > MAX_GROUND_DISTANCE:
-        fits = {turn: best_fit(turned(image, turn), known) for turn in TURNS}
-        turn = min(fits, key=lambda t: fits[t][0].distance)
-        after, fitting = fits[turn]
-        if after.distance <= min(MAX_GROUND_DISTANCE, TURNED_SHARE * ground.distance):
-            (warned if turn == "mirrored" else refused).append(f"it is {turn}")
-            image, ground, reference = turned(image, turn), after, fitting
+        mirrored = np.ascontiguousarray(image[:, ::-1])
+        after, fitting = best_fit(mirrored, expected)
+        if after.distance <= min(MAX_GROUND_DISTANCE, MIRRORED_SHARE * ground.distance):
+            warned.append("it is mirrored (left and right are exchanged)")
+            image, ground, reference = mirrored, after, fitting
     if (width := edge_width_px(frames)) > MAX_EDGE_PX:
         what = "it is blurred, very small or strongly compressed"
         unfit.append(f"{what} (edges of {width:.1f} pixels, at most {MAX_EDGE_PX}); words of objects may be misread")
