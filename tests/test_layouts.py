@@ -14,8 +14,9 @@ from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.cli.main import main
 from nsdr.io.video import read_video
+from tests.robustness import good
 
-from .test_files import annotation, proposal, question_file
+from .test_files import question_file
 
 INDEX = 10_002
 """Of a video of the validation split."""
@@ -56,8 +57,8 @@ LAYOUTS = {
 def write_layout(root: Path, layout: dict[str, str]) -> Path:
     contents = {
         "video": VIDEO.read_bytes(),
-        "annotation": json.dumps(annotation(INDEX)).encode(),
-        "proposal": json.dumps(proposal(INDEX)).encode(),
+        "annotation": json.dumps(good.annotation(INDEX)).encode(),
+        "proposal": json.dumps(good.proposals(INDEX)).encode(),
     }
     for kind, place in layout.items():
         if kind != "questions":
@@ -83,7 +84,7 @@ def test_a_data_set_is_found_in_the_folders_that_people_have(layout: dict[str, s
     assert split.video(INDEX) == root / layout["video"] / NAMES["video"]
     assert split.annotation(INDEX)["scene_index"] == INDEX
     if "proposal" in layout:
-        assert len(split.proposals(INDEX)) == 128
+        assert split.proposals(INDEX).n_frames == 128
     assert accuracy(tmp_path, "--root", root, "--source", "annotations") == 1.0
     questions = root / layout["questions"]
     assert accuracy(tmp_path, "--questions", questions, "--data", root, "--source", "annotations") == 1.0

@@ -113,7 +113,7 @@ def field_cases(
     """
     for field in fields:
         where = ".".join(map(str, field.path))
-        place = next((str(key) for key in reversed(field.path) if isinstance(key, str)), "")
+        place = next((str(key) for key in reversed(field.path) if isinstance(key, str) and not key.isdigit()), "")
         if isinstance(field.path[-1], str) and not field.optional:
             yield Case(f"{kind}, remove", where, tuple(argv), writer(removed(*field.path)), file, place)
         for value in WRONG[field.kind]:

@@ -95,6 +95,13 @@ FIELDS: dict[str, list[Field]] = {
     "questions to tag": _fields("0.questions.1.choices.0.program: tokens", "0.questions.1.choices.0.answer: judgement"),
 }  # fmt: skip
 """The fields of each format that a reader needs (`docs/cli.md` and the readers' documentation)."""
+
+
+def _uncertain(probability: object = 0.5, removed: object = None, frame: int = 30) -> dict[str, Any]:
+    event = {"type": "Event", "kind": "collision", "frame": frame, "objects": [0, 1]}
+    return {"type": "UncertainCollision", "event": event, "probability": probability, "removed": removed}
+
+
 CHANGES: dict[str, dict[str, Change]] = {
     "questions": {
         "scene twice": repeated(0),
@@ -114,6 +121,7 @@ CHANGES: dict[str, dict[str, Change]] = {
         "empty program": replaced(0, "questions", 0, "program", []),
         "leaves the folder": replaced(0, "video_filename", "../../etc/passwd"),
         "absolute path": replaced(0, "video_filename", "/etc/passwd"),
+        "choice without an answer": lambda d: d[0]["questions"][1]["choices"].append({"choice_id": 1, "choice": "x"}),
     },
     "annotations": {
         "object twice": repeated("object_property", 0),
@@ -162,6 +170,8 @@ CHANGES: dict[str, dict[str, Change]] = {
         "huge number of frames": replaced("n_frames", 10**9),
         "no frame": replaced("frames", []),
         "text as number of frames": replaced("n_frames", "zebra"),
+        "first frame is 1": replaced("frames", 0, "frame_index", 1),
+        "fewer frames than listed": replaced("n_frames", 2),
     },
     "predictions": {
         "object twice": repeated("objects", 0),
@@ -192,6 +202,12 @@ CHANGES: dict[str, dict[str, Change]] = {
         "unknown removed object": lambda d: d["counterfactual"]["map"].append([99, []]),
         "reference to an array": replaced("visible", {"array": "array_0"}),
         "map of one column": replaced("counterfactual", "map", [[0]]),
+        "unseen event far away": replaced("unseen", 0, "frame", 10**12),
+        "event without a frame": replaced("events", 0, "frame", -1),
+        "probability above 1": lambda d: d.update(uncertain=[_uncertain(probability=1.5)]),
+        "text as probability": lambda d: d.update(uncertain=[_uncertain(probability="a")]),
+        "uncertain with an unknown object removed": lambda d: d.update(uncertain=[_uncertain(removed=9)]),
+        "uncertain event far away": lambda d: d.update(uncertain=[_uncertain(frame=10**12)]),
     },
     "manifest": {
         "inverted split": replaced("splits", "validation", [10001, 10000]),

@@ -38,11 +38,11 @@ def _collision(frame: int) -> dict[str, Any]:
     return {"object_ids": [0, 1], "frame_id": frame, "location": [0.0, 0.0, 0.2]}
 
 
-def annotation() -> dict[str, Any]:
-    """`annotation_10000.json`."""
+def annotation(index: int = SCENE) -> dict[str, Any]:
+    """`annotation_10000.json`, or that of another video."""
     objects = [{"object_id": i, **w} for i, w in enumerate(WORDS)]
     return {
-        "scene_index": SCENE, "video_filename": f"video_{SCENE}.mp4", "object_property": objects,
+        "scene_index": index, "video_filename": f"video_{index:05d}.mp4", "object_property": objects,
         "motion_trajectory": _motion(FRAMES), "collision": [_collision(40)],
     }  # fmt: skip
 
@@ -71,8 +71,8 @@ def blocks() -> list[dict[str, Any]]:
     return [{"video": SCENE, "n_frames": FRAMES, **block()}]
 
 
-def proposals() -> dict[str, Any]:
-    """`proposal_10000.json`, with its `ground_truth` as in `sim_10000.json`."""
+def proposals(index: int = SCENE) -> dict[str, Any]:
+    """`proposal_10000.json`, or that of another video, with its `ground_truth` as in `sim_10000.json`."""
     frames = []
     for f in range(FRAMES):
         objects = []
@@ -82,9 +82,9 @@ def proposals() -> dict[str, Any]:
             cv2.rectangle(mask, (left, 150), (left + 30, 180), 1, -1)
             counts = rle.encode(np.asfortranarray(mask))["counts"].decode()
             row = {"mask": {"size": [320, 480], "counts": counts}, **words, "score": 0.99}
-            objects.append(row | {"video_index": SCENE, "frame_index": f})
+            objects.append(row | {"video_index": index, "frame_index": f})
         frames.append({"frame_index": f, "objects": objects})
-    return {"video_index": SCENE, "video_filename": f"video_{SCENE}.mp4", "frames": frames, "ground_truth": block()}
+    return {"video_index": index, "video_filename": f"video_{index:05d}.mp4", "frames": frames, "ground_truth": block()}
 
 
 def predictions() -> dict[str, Any]:
@@ -105,8 +105,8 @@ RED = ["objects", "red", "filter_color", "unique"]
 BLUE = ["objects", "blue", "filter_color", "unique"]
 
 
-def questions() -> list[dict[str, Any]]:
-    """A question file."""
+def questions(index: int = SCENE) -> list[dict[str, Any]]:
+    """A question file: a descriptive question and a counterfactual one."""
     program = ["events", *RED, "filter_collision", *BLUE, "filter_collision", "unique"]
     choices = [{"choice_id": 0, "choice": "The red object collides with the blue object", "program": program,
                 "answer": "wrong"}]  # fmt: skip
@@ -117,7 +117,7 @@ def questions() -> list[dict[str, Any]]:
          "program": ["all_events", "objects", "green", "filter_color", "unique", "get_counterfact", "belong_to"],
          "choices": choices},
     ]  # fmt: skip
-    return [{"scene_index": SCENE, "video_filename": f"video_{SCENE}.mp4", "questions": rows}]
+    return [{"scene_index": index, "video_filename": f"video_{index:05d}.mp4", "questions": rows}]
 
 
 def manifest() -> dict[str, Any]:
