@@ -5,6 +5,7 @@ import contextlib
 import io
 import re
 import shlex
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -117,8 +118,26 @@ def test_each_guide_has_commands_that_run() -> None:
     assert {page for page, _ in RUNNABLE} == set(GUIDES)
 
 
+@pytest.fixture(scope="module")
+def kept_pipelines() -> Iterator[None]:
+    """Pipelines are made once for the same arguments, so that the clip is looked at once."""
+    make, kept = nsdr.Pipeline.from_pretrained, dict[str, nsdr.Pipeline]()
+
+    def made(*given: Any, **options: Any) -> nsdr.Pipeline:
+        key = repr((given, options))
+        if key not in kept:
+            kept[key] = make(*given, **options)
+        return kept[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(nsdr.Pipeline, "from_pretrained", made)
+        yield
+
+
 @pytest.mark.parametrize(("page", "command"), RUNNABLE, ids=[c for _, c in RUNNABLE])
-def test_commands_run_and_print_what_the_page_says(page: str, command: str, tmp_path, monkeypatch, capsys) -> None:
+def test_commands_run_and_print_what_the_page_says(
+    page: str, command: str, kept_pipelines, tmp_path, monkeypatch, capsys
+) -> None:
     monkeypatch.chdir(tmp_path)
     example = "nsdr/clevrer/example"
     assert main(shlex.split(command.replace(example, (ROOT / example).as_posix()))[1:]) == 0
@@ -136,17 +155,8 @@ def examples(page: str) -> list[tuple[str, str | None]]:
     return [(code, output or None) for code, output in found if NEEDS_MORE not in code]
 
 
-@pytest.fixture(scope="module")
-def one_pipeline() -> Any:
-    """The pipeline of all examples, so that the clip is looked at once."""
-    pipeline = nsdr.Pipeline.from_pretrained()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(nsdr.Pipeline, "from_pretrained", lambda: pipeline)
-        yield
-
-
 @pytest.mark.parametrize("page", EXAMPLES)
-def test_examples_print_what_the_page_says(page: str, one_pipeline, monkeypatch) -> None:
+def test_examples_print_what_the_page_says(page: str, kept_pipelines, monkeypatch) -> None:
     monkeypatch.chdir(ROOT)
     names: dict[str, Any] = {"__name__": "example"}
     for code, output in examples(page):

@@ -16,9 +16,10 @@ from tests.test_docs import ROOT, commands
 
 MADE = (
     "generate dataset --config configs/generate/preview.yaml -o ROOT --videos 4 --counterfactual_videos 1 --workers 1 "
+    "--scene.n_frames 64 "
     '--splits \'{"train": 0.25, "validation": 0.5, "test": 0.25}\' --render.width 240 --render.height 160'
 )
-"""The data set of all pages: that of docs/export.md, with fewer and smaller videos."""
+"""The data set of all pages: that of docs/export.md, with fewer, smaller and shorter videos."""
 SHORTER = {
     "nsdr generate violations": "--videos 2",
     "nsdr compare-videos": "--keep-going",
@@ -86,7 +87,7 @@ def folder(tmp_path_factory) -> Iterator[Path]:
         yield place
 
 
-@pytest.mark.filterwarnings("default:.*resized to 480x320:UserWarning")
+@pytest.mark.filterwarnings("default:.*(resized to 480x320|CLEVRER's videos have 128):UserWarning")
 @pytest.mark.parametrize("page", PAGES)
 def test_commands_of_guides_run(page: str, folder: Path) -> None:
     commands_of_page = guided(page)
