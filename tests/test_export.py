@@ -49,10 +49,10 @@ from nsdr.symbolic import Executor
 
 PAGE = Path(__file__).parent.parent / "docs" / "export.md"
 FORMATS = ("grpo", "chat", "parquet", "webdataset")
-OPEN = Question(0, "What color is it?", "descriptive", "query_color", ("objects", "unique"), "red", (), True)
+OPEN = Question(0, "What color is it?", "descriptive", "query_color", ("objects", "unique"), "red")
 CHOICES = (
-    Choice(0, "The red cube and the sphere collide", ("a", "b"), "correct", "observational", True),
-    Choice(1, "The sphere and the cylinder collide", ("c",), "wrong", "inferential", False),
+    Choice(0, "The red cube and the sphere collide", ("a", "b"), "correct", "observational"),
+    Choice(1, "The sphere and the cylinder collide", ("c",), "wrong", "inferential"),
     Choice(2, "The cube and the cylinder collide", ("d",), "correct"),
 )
 WHAT_IF = Question(3, "What will happen without the cube?", "counterfactual", None, ("e",), None, CHOICES)
@@ -119,10 +119,9 @@ def test_a_record_has_prompt_solution_tags_programs_and_seed() -> None:
     for record, question in zip((first, second, third), questions_of(0).questions, strict=True):
         assert (record.prompt, record.solution) == (prompt(question), solution(question))
         assert (record.split, record.video, record.seed) == ("validation", "v.mp4", 42)
-    assert (first.options, first.letters, first.tags, first.blind) == ((), (), (), (True,))
+    assert (first.options, first.letters, first.tags) == ((), (), ())
     assert (second.letters, second.solution) == (("A", "B", "C"), "<answer>A,C</answer>")
     assert second.tags == ("observational", "inferential", None)
-    assert second.blind == (True, False, None)
     assert (second.program, second.option_programs) == (("e",), (("a", "b"), ("c",), ("d",)))
     assert third.solution == "<answer>none</answer>"
 
@@ -326,7 +325,7 @@ def test_pairs_leave_out_questions_without_another_answer(small_scene) -> None:
         """The question in another world; of the pairs that may collide, the first one is right in the file."""
         happens = "all_events objects {} unique filter_collision objects {} unique filter_collision unique"
         choices = tuple(
-            Choice(i, "?", tuple(happens.format(*pair).split()), "wrong" if i else "correct", None, True)
+            Choice(i, "?", tuple(happens.format(*pair).split()), "wrong" if i else "correct")
             for i, pair in enumerate(pairs)
         )
         subtype = "count" if kind == "descriptive" else None
@@ -334,13 +333,13 @@ def test_pairs_leave_out_questions_without_another_answer(small_scene) -> None:
 
     found = changed("descriptive", "events objects filter_in count", "1")
     assert found is not None
-    assert (found.answer, found.blind) == ("0", None)
+    assert found.answer == "0"
     assert changed("descriptive", "events objects filter_collision count", "2") is None  # the same answer
     assert changed("descriptive", "events objects filter_in unique get_frame", "10") is None  # of no entrance
     sphere = "rubber filter_material sphere filter_shape red filter_color"
     found = changed("predictive", "unseen_events belong_to", "", (cube, blue), (green, sphere))
     assert found is not None
-    assert [(c.answer, c.blind) for c in found.choices] == [("wrong", None), ("correct", None)]
+    assert [c.answer for c in found.choices] == ["wrong", "correct"]
     assert changed("predictive", "unseen_events belong_to", "", (cube, blue), (green, blue)) is None  # neither is right
     assert changed("predictive", "unseen_events belong_to", "", (cube, "yellow filter_color"), (green, sphere)) is None
     assert changed("counterfactual", "unseen_events belong_to", "", (cube, blue), (green, sphere)) is None

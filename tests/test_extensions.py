@@ -19,6 +19,7 @@ from nsdr import (
     SetVelocity,
     states_from_tracks,
 )
+from nsdr.baselines import tag_options
 from nsdr.claims.narration import narrate
 from nsdr.claims.verification import verify
 from nsdr.clevrer.answers.prompts import prompt
@@ -457,7 +458,7 @@ def test_what_if_questions_are_simulated_by_bullet(truths) -> None:
 def test_the_command_writes_questions_that_can_be_read_and_tagged(truths, tmp_path) -> None:
     for truth in truths[:2]:
         (tmp_path / f"truth_{truth['scene_index']:05d}.json").write_text(json.dumps(truth))
-    output, tagged = str(tmp_path / "questions.json"), str(tmp_path / "tagged.json")
+    output = str(tmp_path / "questions.json")
     wanted = ["--questions.extensions", "true", "--questions.changed_per_video", "2", "--questions.max_options", "2"]
     assert main(["generate", "questions", "--scenes", str(tmp_path), "-o", output, "--workers", "1", *wanted]) == 0
     questions = [q for scene in read_questions(output) for q in scene.questions]
@@ -466,9 +467,10 @@ def test_the_command_writes_questions_that_can_be_read_and_tagged(truths, tmp_pa
     assert len(answers["faster"].split()) == 3
     assert max(len(q.choices) for q in questions if "get_changed" in q.program) == 2
     assert "Descriptive questions beyond CLEVRER" in (tmp_path / "questions.statistics.md").read_text()
-    assert main(["tag", output, "--truth", str(tmp_path), "--no-blind", "-o", tagged]) == 0
-    for q in (q for scene in read_questions(tagged) for q in scene.questions if q.type == "counterfactual"):
-        assert all((c.tag is None) == ("get_changed" in q.program) for c in q.choices)
+    for scene in read_questions(output):
+        true = scene_from_truth(json.loads((tmp_path / f"truth_{scene.scene_index:05d}.json").read_text()))
+        for q in (q for q in tag_options(scene, true).questions if q.type == "counterfactual"):
+            assert all((c.tag is None) == ("get_changed" in q.program) for c in q.choices)
 
 
 @pytest.mark.parametrize("answer", ["1.8 world units per second", "towards the camera", "right", "red rubber sphere"])

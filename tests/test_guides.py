@@ -51,7 +51,7 @@ PAGES = {
 }
 LEFT_OUT = (
     *("…", "|", "--help", "FORMAT"),  # no whole commands
-    *("http:", "--render.assets", "paper.yaml", "--source videos", "--source proposals", "nsdr tag"),
+    *("http:", "--render.assets", "paper.yaml", "--source videos", "--source proposals"),
     *("generate dataset", "--first_scene 36", "--first_scene 370000", "--first_scene 540000", "--first_scene 580000"),
     *("answers.json", "PAIRS/questions", "OTHER"),
 )

@@ -10,12 +10,12 @@ from nsdr.clevrer import prompt, read_questions, solution, without_answers, writ
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 
 CHOICES = (
-    Choice(0, "The red cube is removed", None, "correct", "observational", True),
-    Choice(1, "The sphere exits", None, "wrong", "inferential", False),
+    Choice(0, "The red cube is removed", None, "correct", "observational"),
+    Choice(1, "The sphere exits", None, "wrong", "inferential"),
     Choice(2, "The cube enters", None, "correct"),
 )
 WHAT_IF = Question(3, "What happens?", "counterfactual", None, None, None, CHOICES)
-OPEN = Question(4, "What color is it?", "descriptive", "query_color", None, "red", (), True)
+OPEN = Question(4, "What color is it?", "descriptive", "query_color", None, "red")
 
 
 def test_options_have_letters() -> None:

@@ -1,4 +1,6 @@
-"""The control without physics, tags of counterfactual options, and intervals over scenes."""
+"""The unchanged recording, tags of counterfactual options, and intervals over scenes."""
+
+import json
 
 import numpy as np
 import pytest
@@ -6,14 +8,12 @@ from msgspec.structs import replace
 
 from nsdr import DataError, Event, Scene, SceneObject
 from nsdr.baselines import keep_recording, tag_options
-from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
+from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
+from nsdr.cli.main import main
 from nsdr.errors import ExecutionError
 from nsdr.evaluation import accuracy_interval, evaluate, format_table, wilson_interval
-from nsdr.evaluation.experiments import markdown_table
 from nsdr.evaluation.runner import EvaluationConfig
-from nsdr.evaluation.score import score_answers
 from nsdr.symbolic import Executor
-from nsdr.types import Answer, ChoiceAnswer
 
 OBJECTS = tuple(SceneObject(i, color, "rubber", "cube") for i, color in enumerate(["red", "green", "blue"]))
 HITS = (Event("collision", 10, (0, 1)), Event("collision", 20, (1, 2)))
@@ -70,11 +70,11 @@ def test_files_are_tagged_by_the_true_scene() -> None:
 @pytest.mark.parametrize(
     ("questions", "message"),
     [
-        (with_choice(asked("wrong"), answer=None), "scene 7, question 0: has no program or no answers"),
-        (with_choice(asked("wrong"), program=None), "scene 7, question 0, choice 0: has no program"),
+        (with_choice(asked("wrong"), answer=None), "scene 7, question 0: lacks programs or answers"),
+        (with_choice(asked("wrong"), program=None), "scene 7, question 0: lacks programs or answers"),
         (
             with_choice(asked("wrong"), program=tuple(CHOICE.replace("blue", "gray").split())),
-            "scene 7, question 0, choice 0: the scene cannot judge it",
+            "scene 7, question 0, choice 0 .*: .*gray",
         ),
     ],
 )
@@ -84,32 +84,38 @@ def test_what_cannot_be_tagged_is_an_error(questions: SceneQuestions, message: s
 
 
 def test_questions_that_fail_count_in_their_half() -> None:
-    tagged = with_choice(asked("wrong"), tag="inferential", blind=True)
+    tagged = with_choice(asked("wrong"), tag="inferential")
     report = evaluate([(tagged, ExecutionError("no video"))])
     assert report["counterfactual"]["tags"]["inferential"]["n_options"] == 1
-    assert report["counterfactual"]["blind"]["text alone right"]["n_options"] == 1
 
 
-def test_reports_have_the_halves_that_texts_alone_predict() -> None:
-    options = with_choice(asked("wrong"), blind=False)
-    open_questions = tuple(
-        Question(i, "How many?", "descriptive", "count", None, answer, (), blind)
-        for i, (answer, blind) in enumerate([("1", True), ("1", True), ("2", False)], start=1)
-    )
-    questions = replace(options, questions=(*options.questions, *open_questions))
-    judged = Answer("", (), None, choices=(ChoiceAnswer("", "wrong", (), ()),))
-    answers = {0: judged, **{i: Answer("", (), "1") for i in (1, 2, 3)}}
-    report = score_answers([(questions, answers)])
-    halves = report["descriptive"]["blind"]
-    assert [(h["accuracy"], h["n"]) for h in halves.values()] == [(1.0, 2), (0.0, 1)]
-    assert report["counterfactual"]["blind"]["text alone wrong"]["per_option"] == 1.0
-    assert report["counterfactual"]["blind"]["text alone right"]["n_options"] == 0
-    text = format_table(report)
-    assert [line.split()[:3] for line in text.splitlines()].count(["text", "alone", "wrong"]) == 2
-    row = {"settings": {"name": "guesses"}, "table": report}
-    table = markdown_table("Title", "command", [row])
-    assert "- guesses: descriptive 100.0 / 0.0 %, counterfactual - / 100.0 %" in table
-    assert "text alone" not in format_table(score_answers([(asked("wrong"), {0: judged})]))
+def test_evaluation_tags_options_by_the_true_scenes(tmp_path, capsys) -> None:
+    """CLEVRER's question files have no tags; the true scenes tell which options the recording answers rightly."""
+    (question,) = asked("correct").questions
+    right = replace(question.choices[0], text="They collide")
+    question = replace(question, text="What if?", choices=(right, replace(right, id=1, answer="wrong")))
+    write_questions(tmp_path / "questions.json", [SceneQuestions(7, "video_00007.mp4", (question,))])
+    objects = [{"id": o.id, "color": o.color, "material": o.material, "shape": o.shape} for o in OBJECTS]
+    hits = [{"type": "collision", "object": list(e.objects), "frame": e.frame} for e in HITS]
+    block = {"video": 7, "n_frames": 128, "objects": objects, "in_outs": [], "collisions": hits}
+    (tmp_path / "truth.json").write_text(json.dumps([block]))
+    (tmp_path / "others.json").write_text(json.dumps([block | {"video": 8}]))
+    row = {"name": "row", "tags_from": str(tmp_path / "truth.json"), "questions": str(tmp_path / "questions.json")}
+    rows = [
+        row | {"name": "recording", "source": "ground-truth", "data": row["tags_from"], "programs": "gold",
+               "counterfactuals": "recording"},
+        row | {"name": "guesses", "baseline": "random"},
+    ]  # fmt: skip
+    experiment, results = tmp_path / "table.yaml", tmp_path / "table.json"
+    experiment.write_text(json.dumps({"title": "Table", "rows": rows}))
+    assert main(["experiment", str(experiment), "-o", str(tmp_path)]) == 0
+    first, second = (row["table"]["counterfactual"]["tags"] for row in json.loads(results.read_text())["rows"])
+    assert [first[tag]["per_option"] for tag in ("observational", "inferential")] == [1.0, 0.0]
+    assert [second[tag]["n_options"] for tag in ("observational", "inferential")] == [1, 1]
+    experiment.write_text(json.dumps({"title": "Table", "rows": [row | {"tags_from": str(tmp_path / "others.json")}]}))
+    experiment.write_text(experiment.read_text().replace('"name": "row"', '"name": "row", "baseline": "random"'))
+    assert main(["experiment", str(experiment), "-o", str(tmp_path)]) == 2
+    assert "others.json: lacks 1 scenes with counterfactual questions, such as 7" in capsys.readouterr().err
 
 
 def test_intervals_are_wider_where_answers_of_a_scene_go_together() -> None:
@@ -123,6 +129,6 @@ def test_intervals_are_wider_where_answers_of_a_scene_go_together() -> None:
     assert accuracy_interval([], []) == (0.0, 1.0)
 
 
-def test_the_control_is_refused_with_the_official_semantics() -> None:
+def test_the_recording_is_refused_with_the_official_semantics() -> None:
     with pytest.raises(DataError, match="counterfactuals: recording needs --semantics paper"):
         EvaluationConfig("q.json", "d", source="predictions", semantics="official", counterfactuals="recording")

@@ -1,11 +1,10 @@
-"""`nsdr score` and `nsdr controls`."""
+"""`nsdr score`."""
 
 import json
 import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -20,15 +19,13 @@ from nsdr.clevrer import (
     write_responses,
     write_submission,
 )
-from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
+from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.cli.main import main
-from nsdr.evaluation.controls import exchange, write_controls
 from nsdr.evaluation.measures import compare_reports, difference_interval, format_comparison
 from nsdr.evaluation.responses import format_report, reference_rows, score_responses
-from nsdr.io.video import sample_frames, write_video
 
-OPEN = Question(0, "What color is it?", "descriptive", "query_color", None, "red", (), True)
+OPEN = Question(0, "What color is it?", "descriptive", "query_color", None, "red")
 WHAT_IF = Question(
     1,
     "What happens?",
@@ -37,8 +34,8 @@ WHAT_IF = Question(
     None,
     None,
     (
-        Choice(4, "The red cube exits", None, "correct", "observational", True),
-        Choice(7, "The sphere exits", None, "wrong", "inferential", False),
+        Choice(4, "The red cube exits", None, "correct", "observational"),
+        Choice(7, "The sphere exits", None, "wrong", "inferential"),
     ),
 )
 SCENES = [SceneQuestions(i, f"video_{i:05d}.mp4", (OPEN, WHAT_IF)) for i in range(10000, 10010)]
@@ -136,17 +133,7 @@ def test_unread_missing_and_unknown_answers_are_counted(tmp_path: Path) -> None:
 
 def test_halves_come_from_the_question_file(tmp_path: Path) -> None:
     report = score_responses(SCENES, read_answers(_responses(tmp_path, "a.jsonl", 5)))
-    assert report["descriptive"]["blind"]["text alone right"]["accuracy"] == 0.5
     assert report["counterfactual"]["tags"]["inferential"]["n_options"] == 10
-    assert report["counterfactual"]["blind"]["text alone wrong"]["per_option"] == 1.0
-    assert "nsdr tag" not in format_report(report)
-    open_only = [replace(s, questions=(OPEN,)) for s in SCENES]
-    report = score_responses(open_only, read_answers(_responses(tmp_path, "a.jsonl")))
-    assert "nsdr tag" not in format_report(report)
-    untagged = replace(WHAT_IF, choices=tuple(replace(c, tag=None) for c in WHAT_IF.choices))
-    plain = [replace(s, questions=(untagged,)) for s in SCENES]
-    report = score_responses(plain, read_answers(_responses(tmp_path, "a.jsonl")))
-    assert "`nsdr tag` adds them" in format_report(report)
 
 
 def test_answers_to_other_or_unlabelled_questions_are_refused(tmp_path: Path) -> None:
@@ -245,70 +232,6 @@ def test_score_names_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "a.jsonl with " in capsys.readouterr().err
     assert main(["score", answers, "--questions", str(tmp_path / "q.json"), "-o", str(tmp_path / "q.json")]) == 2
     assert "choose another name" in capsys.readouterr().err
-
-
-def test_exchanged_videos_are_all_others() -> None:
-    assert exchange([3, 5, 9]) == exchange([3, 5, 9])
-    for n in range(2, 20):
-        found = exchange(range(n))
-        assert sorted(found.values()) == sorted(found) == list(range(n))
-        assert all(scene != other for scene, other in found.items())
-    with pytest.raises(DataError, match="1 videos: at least 2"):
-        exchange([3])
-
-
-def test_controls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    root, out = tmp_path / "data", tmp_path / "out"
-    videos = root / "videos" / "validation"
-    videos.mkdir(parents=True)
-    for file in ("video_10000.mp4", "video_10001.mp4"):
-        (videos / file).write_bytes(VIDEO.read_bytes())
-    (root / "questions").mkdir()
-    write_questions(root / "questions" / "validation.json", SCENES)
-    command = ["controls", str(root), "-o", str(out), "--workers", "1"]
-    assert main(command) == 0
-    name = Path("videos/validation/video_10000-11000/video_10000.mp4")
-    true, blind, backward = (
-        sample_frames(p, 10, 1).frames for p in (VIDEO, out / "blind" / name, out / "reversed" / name)
-    )
-    assert blind.shape == backward.shape == true.shape
-    assert np.ptp(blind) <= 2
-    assert np.abs(backward[::-1].astype(int) - true).mean() < 4
-    assert (out / "shuffled" / name).read_bytes() == VIDEO.read_bytes()
-    assert json.loads((out / "shuffled" / "exchanged.json").read_text()) == {"10000": 10001, "10001": 10000}
-    assert read_questions(out / "reversed" / "questions" / "validation.json") == SCENES
-    (videos / "video_10002.mp4").write_bytes(VIDEO.read_bytes())
-    two = ["controls", str(root), "-o", str(tmp_path / "two"), "--workers", "1", "--kinds", "shuffled", "--limit", "2"]
-    assert main(two) == 0
-    assert read_questions(tmp_path / "two" / "shuffled" / "questions" / "validation.json") == SCENES[:2]
-    (videos / "video_10002.mp4").unlink()
-    capsys.readouterr()
-    assert main([*command, "--kinds", "blind"]) == 0
-    assert "0 videos written, 2 kept" in capsys.readouterr().out
-    assert main([*command, "--kinds", "mirrored"]) == 2
-    assert "'mirrored' is no control" in capsys.readouterr().err
-    for inside in (root, videos, root / "videos" / "blind"):
-        assert main(["controls", str(root), "-o", str(inside)]) == 2
-        assert "is the data set itself, or among its videos" in capsys.readouterr().err
-    assert main(["controls", str(root), "-o", str(tmp_path / "one"), "--limit", "1", "--workers", "1"]) == 2
-    assert "kind shuffled: 1 videos: at least 2" in capsys.readouterr().err
-    assert not (tmp_path / "one").exists()
-
-
-def test_controls_of_videos_of_another_shape(tmp_path: Path) -> None:
-    videos = tmp_path / "data" / "videos" / "validation"
-    write_video(videos / "video_10000.mp4", np.zeros((3, 480, 640, 3), np.uint8))  # 427x320 pixels when scaled
-    splits = {"train": [0, 0], "validation": [10000, 10001], "test": [15000, 15000]}
-    manifest = {"splits": splits, "kinds": ["videos", "annotations"], "n_frames": 3, "config": {"seed": 1}}
-    (tmp_path / "data" / "manifest.json").write_text(json.dumps(manifest))
-    (summary,) = write_controls(tmp_path / "data", tmp_path / "out", kinds=["blind"], workers=1).values()
-    assert summary.done == ("10000",)
-    found = json.loads((tmp_path / "out" / "blind" / "manifest.json").read_text())
-    assert found == {
-        "splits": splits,
-        "kinds": ["videos", "questions"],
-        "n_frames": 3,
-    }  # and no seed, which exports would give
 
 
 def test_answers_in_the_forms_that_systems_write_are_read(tmp_path: Path) -> None:

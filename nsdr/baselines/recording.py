@@ -1,7 +1,7 @@
-"""Answering counterfactuals without any physics: the recording, with the removed object deleted from it.
+"""Counterfactuals without any physics: the recording, with the removed object deleted from it.
 
-A control: it is right wherever removing the object changes nothing else, so what a system must get right to understand anything
-are the options that it gets wrong. `OPTION_TAGS` name the two kinds.
+It answers rightly wherever the removal changes nothing else. Only the other options, the inferential ones, show whether a
+system knows what the removal changes.
 """
 
 from dataclasses import replace
@@ -9,68 +9,53 @@ from dataclasses import replace
 from msgspec import structs
 
 from nsdr.clevrer.files.questions import OPTION_TAGS, Question, SceneQuestions
-from nsdr.errors import DataError, NsdrError, QuestionError
+from nsdr.errors import DataError, NsdrError
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
 
 CHANGED = "get_changed"
-"""Program token of what-ifs about changed objects."""
+"""Program token of what-if questions about changed objects, which CLEVRER does not have."""
 
 
 def keep_recording(scene: Scene) -> Scene:
-    """The scene with the collisions of the video, except those of the removed object, as every counterfactual."""
+    """The scene in which the removal of an object changes no collision of the video but takes away the object's own."""
     collisions = [e for e in scene.events if e.kind == "collision"]
     without = {o.id: tuple(e for e in collisions if o.id not in e.objects) for o in scene.objects}
     return replace(scene, counterfactual=without, dynamics=None, uncertain=None)
 
 
-def option_tags(recording: Executor, question: Question) -> list[str | None]:
-    """The tag of each option of a counterfactual question; None where the recording cannot judge the option.
-
-    Args:
-        recording: executor on `keep_recording` of the scene.
-        question: with programs and answers.
-
-    Raises:
-        ProgramError: a program is not well-formed.
-        ExecutionError: the question's program does not fit the scene.
-        QuestionError: the question or an option has no answer, or the question no program.
-    """
-    if question.program is None or any(c.answer is None for c in question.choices):
-        raise QuestionError("has no program or no answers, which tags are made of")
-    missing = QuestionError("has no program")
-    programs = [(c.text, missing if c.program is None else c.program) for c in question.choices]
-    judged = recording.answer_choices(question.program, programs).choices
-    return [
-        None if found.error else OPTION_TAGS[found.answer != choice.answer]
-        for choice, found in zip(question.choices, judged, strict=True)
-    ]
-
-
 def tag_options(questions: SceneQuestions, scene: Scene) -> SceneQuestions:
-    """The questions with the tags of all options of counterfactual questions, except what-ifs beyond CLEVRER.
+    """The questions with all counterfactual options tagged: "observational" where the unchanged recording is right.
+
+    What-if questions about changed objects get no tags.
 
     Args:
-        questions: with programs and answers.
+        questions: questions with programs and answers.
         scene: the true scene; its observed collisions are enough.
 
     Raises:
         DataError: an option cannot be tagged; names the scene, the question and why.
     """
     recording = Executor(keep_recording(scene))
-    tagged = []
-    for question in questions.questions:
-        if question.type == "counterfactual" and CHANGED not in (question.program or ()):
-            where = f"scene {questions.scene_index}, question {question.id}"
-            try:
-                tags = option_tags(recording, question)
-            except NsdrError as e:
-                raise DataError(f"{where}: {e}") from e
-            for choice, tag in zip(question.choices, tags, strict=True):
-                if tag is None:
-                    why = "has no program" if choice.program is None else f"the scene cannot judge it: {choice.text!r}"
-                    raise DataError(f"{where}, choice {choice.id}: {why}")
-            choices = tuple(structs.replace(c, tag=tag) for c, tag in zip(question.choices, tags, strict=True))
-            question = structs.replace(question, choices=choices)
-        tagged.append(question)
-    return structs.replace(questions, questions=tuple(tagged))
+    return structs.replace(
+        questions, questions=tuple(_tagged(q, recording, questions.scene_index) for q in questions.questions)
+    )
+
+
+def _tagged(question: Question, recording: Executor, scene_index: int) -> Question:
+    if question.type != "counterfactual" or CHANGED in (question.program or ()):
+        return question
+    where = f"scene {scene_index}, question {question.id}"
+    programs = [(c.text, c.program) for c in question.choices if c.program is not None and c.answer is not None]
+    if question.program is None or len(programs) < len(question.choices):
+        raise DataError(f"{where}: lacks programs or answers, which tags are made of")
+    try:
+        judged = recording.answer_choices(question.program, programs).choices
+    except NsdrError as e:
+        raise DataError(f"{where}: {e}") from e
+    choices = []
+    for choice, found in zip(question.choices, judged, strict=True):
+        if found.error:
+            raise DataError(f"{where}, choice {choice.id} ({choice.text!r}): {found.error}")
+        choices.append(structs.replace(choice, tag=OPTION_TAGS[found.answer != choice.answer]))
+    return structs.replace(question, choices=tuple(choices))

@@ -36,8 +36,6 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "experiment": ("evaluate", "measure all rows of a table; resumable"),
     "score": ("evaluate", "score a file of answers, or compare two"),
     "compare-videos": ("evaluate", "score continuations by a video model beside noise floors and baselines; resumable"),
-    "controls": ("evaluate", "write blind, reversed and shuffled videos of a data set, as controls; resumable"),
-    "tag": ("evaluate", "mark the questions that the recording alone, or the text alone, answers"),
     "data verify": ("data", "count the files of a data set"),
     "data download": ("data", "fetch CLEVRER's official files; resumable"),
     "data frames": ("data", "make training frames of videos and their mask proposals; resumable"),

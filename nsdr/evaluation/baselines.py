@@ -1,18 +1,15 @@
 """Scores of trained baselines by the same harness as those of NS-DR."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from nsdr.baselines.features.files import FeatureCache
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.errors import DataError, NsdrError
-from nsdr.evaluation.controls import exchange
 from nsdr.evaluation.runner import (
     EvaluationConfig,
     evaluation_fingerprint,
@@ -27,36 +24,15 @@ from nsdr.types import Answer
 
 PROGRAMS = ("programs", "question_parser", "checkpoint")
 """Settings of `EvaluationConfig` that only baselines use which read programs."""
-USED = ("questions", "root", "split", "types", "every", "limit", *PROGRAMS)
+USED = ("questions", "root", "split", "types", "every", "limit", "tags_from", *PROGRAMS)
 """Settings of `EvaluationConfig` that trained baselines use."""
 TRAINING = ("system", "parameters", "videos", "texts")
 """What a results file keeps of a checkpoint's description."""
 SECONDS_PER_MINUTE = 60
 
 
-class _ControlFeatures(FeatureCache):
-    """Features of the videos of a control.
-
-    Args:
-        folder, needs: see `FeatureCache`.
-        control: one of `nsdr.evaluation.controls.CONTROLS`.
-        indices: the videos that are exchanged with each other.
-    """
-
-    def __init__(self, folder: str, needs: Collection[str], control: str, indices: Sequence[int]) -> None:
-        super().__init__(folder, needs)
-        self.control, self.taken = control, exchange(indices) if control == "shuffled" else {}
-
-    def get(self, scene_index: int, needs: Collection[str]) -> dict[str, NDArray[Any]]:
-        """As in `FeatureCache`: of another video, zeros, or with the frames in reverse order."""
-        found = super().get(self.taken.get(scene_index, scene_index), needs)
-        if self.control == "blind":
-            return {kind: np.zeros_like(value) for kind, value in found.items()}
-        return {kind: value[::-1] for kind, value in found.items()} if self.control == "reversed" else found
-
-
 def evaluate_baseline(
-    trained: str, features: str, config: EvaluationConfig, own: Sequence[str], device: str, control: str = ""
+    trained: str, features: str, config: EvaluationConfig, own: Sequence[str], device: str
 ) -> dict[str, Any]:
     """Answer the questions by a trained baseline and score the answers.
 
@@ -66,7 +42,6 @@ def evaluate_baseline(
         config: which questions; of its settings those in `USED` have an effect.
         own: settings that are given for this baseline, which must have an effect.
         device: where the networks run.
-        control: one of `nsdr.evaluation.controls.CONTROLS`, done to the features (blind: zeros); "" for none.
 
     Returns:
         The report of `score_answers`, and under `training` what is known of the training.
@@ -83,8 +58,6 @@ def evaluate_baseline(
         raise DataError(f"{', '.join(unused)} would do nothing: {baseline.system} reads no programs; leave them out")
     scenes, _ = selected_questions(config)
     known = FeatureCache(features, needs) if features else None
-    if features and control:
-        known = _ControlFeatures(features, needs, control, [scene.scene_index for scene in scenes])
     baseline.check_features(known)
     parsed, failed = scenes, dict[int, dict[int, NsdrError]]()
     if "program" in needs and (parser := parser_of(config)) is not None:
@@ -98,7 +71,7 @@ def evaluate_baseline(
     return report | {"training": {**_training(folder), "checkpoint": trained}}
 
 
-def baseline_fingerprint(trained: str, features: str, config: EvaluationConfig, control: str = "") -> str:
+def baseline_fingerprint(trained: str, features: str, config: EvaluationConfig) -> str:
     """Of everything that a baseline's numbers depend on.
 
     Raises:
@@ -108,7 +81,6 @@ def baseline_fingerprint(trained: str, features: str, config: EvaluationConfig, 
     settings = {
         "evaluation": evaluation_fingerprint(config),
         "features": FeatureCache(features).fingerprint if features else "",
-        "control": control,
     }
     return fingerprint(config=settings, weights=[find_checkpoint(trained)])
 

@@ -23,7 +23,7 @@ from nsdr.baselines.q_type import q_type_answers
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.baselines import USED, baseline_fingerprint, evaluate_baseline, training_text
-from nsdr.evaluation.measures import blind_text, calibration_text, percent
+from nsdr.evaluation.measures import calibration_text, percent
 from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation, selected_questions
 from nsdr.evaluation.score import first_failure, score_answers
 from nsdr.io.configuration import config_of
@@ -58,7 +58,6 @@ class ExperimentRow(msgspec.Struct, frozen=True):
         published: numbers to print instead of measuring (%): one for descriptive, and two for each other type or for none.
         trained: checkpoint of a trained baseline that answers the questions; "" for others.
         features: folder of the features of the videos for it; "" where it sees no video.
-        control: what is done to the features, one of `nsdr.evaluation.controls.CONTROLS`; "" for nothing.
         evaluation: what is measured; None for published numbers.
         own: settings of `evaluation` that are the row's and not common ones.
     """
@@ -69,7 +68,6 @@ class ExperimentRow(msgspec.Struct, frozen=True):
     published: tuple[Percent, ...] | None = None
     trained: str = ""
     features: str = ""
-    control: Literal["", "blind", "reversed", "shuffled"] = ""
     evaluation: EvaluationConfig | None = None
     own: tuple[str, ...] = ()
 
@@ -86,14 +84,14 @@ class ExperimentRow(msgspec.Struct, frozen=True):
         if self.evaluation is None:
             return fingerprint(config=self.settings())
         if self.trained:
-            return baseline_fingerprint(self.trained, self.features, self.evaluation, self.control)
+            return baseline_fingerprint(self.trained, self.features, self.evaluation)
         if self.baseline:
-            files = [self.evaluation.questions, *([self.training] if self.training else [])]
-            return fingerprint(inputs=[Path(file) for file in files], config=self.settings())
+            files = (self.evaluation.questions, self.evaluation.tags_from, self.training)
+            return fingerprint(inputs=[Path(file) for file in files if file], config=self.settings())
         return evaluation_fingerprint(self.evaluation)
 
 
-OWN_KEYS = ("name", "baseline", "training", "published", "trained", "features", "control")
+OWN_KEYS = ("name", "baseline", "training", "published", "trained", "features")
 """Keys of a row that are no settings of `EvaluationConfig`."""
 
 
@@ -129,8 +127,6 @@ def _row(common: Mapping[str, Any], given: Mapping[str, Any], place: str) -> Exp
             return row
         if row.features and not row.trained:
             raise DataError("features are of a trained baseline; give trained, the folder of its checkpoint, too")
-        if row.control and not row.features:
-            raise DataError(f"control {row.control} is done to features; give their folder, too")
         unused = [k for k in own if row.trained and k not in USED]
         if unused:
             raise DataError(f"{unused[0]} would do nothing for a trained baseline; expected some of {', '.join(USED)}")
@@ -195,7 +191,7 @@ def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
     start = time.time()
     evaluation = replace(row.evaluation, device=device)
     if row.trained:
-        report = evaluate_baseline(row.trained, row.features, evaluation, row.own, device, row.control)
+        report = evaluate_baseline(row.trained, row.features, evaluation, row.own, device)
     elif row.baseline:
         report = _q_type_report(row, evaluation)
     else:
@@ -249,7 +245,6 @@ def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) 
     notes: dict[str, list[str]] = {
         "": [],
         "Expected calibration error of the probabilities in % (Brier score):": [],
-        "Where the text alone predicts the answer / where it does not (`nsdr tag`), per option:": [],
         "Trained baselines:": [],
     }
     for row in rows:
@@ -265,7 +260,7 @@ def markdown_table(title: str, command: str, rows: Sequence[Mapping[str, Any]]) 
             counted = row["settings"]["training"] or "the questions themselves, not on a training set"
             notes[""] += ["", f"{name}: the most frequent answers were counted on {counted}."]
         training = training_text(row["training"]) if "training" in row else ""
-        for place, text in zip(list(notes)[1:], (calibration_text(table), blind_text(table), training), strict=True):
+        for place, text in zip(list(notes)[1:], (calibration_text(table), training), strict=True):
             notes[place] += [f"- {name}: {text}"] if text else []
     measured = [row for row in rows if "seconds" in row]
     counts = {", ".join(map(str, _numbers(row["table"]))) for row in measured}

@@ -1,6 +1,6 @@
-"""Numbers about sets of answers: intervals, calibration, halves of a question set, and the difference of two systems."""
+"""Numbers about sets of answers: intervals, calibration, and the difference of two systems."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import sqrt
 from operator import itemgetter
 from typing import Any
@@ -136,8 +136,6 @@ def calibration_text(table: Mapping[str, Any]) -> str:
     return ", ".join(f"{kind} {100 * c['ece']:.1f} % ({c['brier']:.3f})" for kind, c in found)
 
 
-BLIND_HALVES = {"text alone right": True, "text alone wrong": False}
-"""Names of the halves by `Question.blind` and `Choice.blind`."""
 Row = Mapping[str, Any]
 
 
@@ -147,32 +145,6 @@ def percent(row: Row, name: str, interval: str = "") -> str:
         return "-"
     limits = row.get("interval" if name == "accuracy" else f"{name}_interval") if interval else None
     return f"{100 * row[name]:.1f}" + (interval.format(*(100 * v for v in limits)) if limits else "")
-
-
-def by_halves(rows: Sequence[Row], accuracy: Callable[[Sequence[Row]], Row]) -> dict[str, dict[str, Row]]:
-    """Accuracies by `tags` (of `OPTION_TAGS`) and by `blind` (of `BLIND_HALVES`); without those that no row has.
-
-    Args:
-        rows: answers or options.
-        accuracy: of some of them.
-    """
-    halves = {}
-    if any("tag" in row for row in rows):
-        halves["tags"] = {tag: accuracy([r for r in rows if r.get("tag") == tag]) for tag in OPTION_TAGS}
-    if any("blind" in row for row in rows):
-        named = BLIND_HALVES.items()
-        halves["blind"] = {name: accuracy([r for r in rows if r.get("blind") == value]) for name, value in named}
-    return halves
-
-
-def blind_text(table: Mapping[str, Any]) -> str:
-    """Accuracies where the text alone is right / wrong, of each question type that has them: "predictive 99.0 / 97.5 %, …"."""
-    parts = []
-    for kind in QUESTION_TYPES:
-        if halves := table[kind].get("blind"):
-            name = "accuracy" if kind == "descriptive" else "per_option"
-            parts.append(f"{kind} {' / '.join(percent(halves[half], name) for half in BLIND_HALVES)} %")
-    return ", ".join(parts)
 
 
 Pair = tuple[int, bool, bool]

@@ -118,8 +118,6 @@ def format_report(report: Mapping[str, Any], references: bool = True) -> str:
     """
     responses = report["responses"]
     lines = [format_table({**report, "errors": 0})]
-    if report["counterfactual"]["n_options"] and "tags" not in report["counterfactual"]:
-        lines.append("no observational and inferential halves: the question file has no tags; `nsdr tag` adds them")
     lines += ["", *_reference_lines(report["references"])] if references else []
     lines.append("")
     asked, answered = responses["questions"], responses["answered"]

@@ -14,9 +14,10 @@ from typing import Annotated, Any, Literal, cast
 from tqdm import tqdm
 
 from nsdr import question_parser, symbolic
-from nsdr.baselines.recording import keep_recording
+from nsdr.baselines.recording import keep_recording, tag_options
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
+from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.clevrer.layout import FolderFiles
 from nsdr.dynamics.registry import READ_NO_IMAGES
 from nsdr.errors import DataError, NsdrError
@@ -42,7 +43,7 @@ COUNTERFACTUALS = ("simulated", "recording")
 SceneJob = Job[tuple[PerceptionInput, Scene | None]]
 """Makes a scene of the pipeline's input, in which the observed collisions of a true scene may replace the detected ones."""
 COUNTED_OTHERWISE = {
-    *("questions", "data", "videos", "truth", "root", "cache", "engine", "workers", "device"),
+    *("questions", "data", "videos", "truth", "tags_from", "root", "cache", "engine", "workers", "device"),
     *("checkpoint", "config", "set", "dynamics", "question_parser"),
 }
 """Settings that count for a fingerprint by what they name, or change no result."""
@@ -70,10 +71,12 @@ class EvaluationConfig(Settings):
         set: single settings, "key=value" each, such as "tracker.score=0.8".
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
-        counterfactuals: "simulated", or "recording" for the control `nsdr.baselines.keep_recording`.
+        counterfactuals: "simulated", or "recording" for `nsdr.baselines.keep_recording`.
         data_set_rules: whether rules of CLEVRER's questions count, as in `nsdr.Executor`; with the paper's semantics.
         truth_source: source of scenes whose observed collisions replace the detected ones; "" for none.
         truth: folder or file that `truth_source` reads.
+        tags_from: file or folder of true scenes (annotations, truth files or compact ground truth) that tell which
+            counterfactual options are observational and which inferential; "" keeps the tags of the question file.
         cache: folder that keeps scenes for the next run.
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
@@ -101,6 +104,7 @@ class EvaluationConfig(Settings):
     data_set_rules: bool = True
     truth_source: str = ""
     truth: str = ""
+    tags_from: str = ""
     cache: str = "runs/scenes"
     engine: Annotated[str, one_of(ENGINES)] = "processes"
     workers: Count = 0
@@ -268,7 +272,7 @@ def _check_no_pipeline_options(config: EvaluationConfig) -> None:
 def evaluation_fingerprint(config: EvaluationConfig) -> str:
     """Of everything a report depends on; folders count by the names, sizes and times of their files."""
     inputs: list[Any] = []
-    for name in (config.questions, config.data, config.videos, config.truth, config.root):
+    for name in (config.questions, config.data, config.videos, config.truth, config.tags_from, config.root):
         path = Path(name)
         if name and path.is_dir():
             files = find_files(path, "*")
@@ -291,7 +295,24 @@ def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], 
     else:
         listed, data = read_questions(config.questions), Path(config.data)
     listed = [s for s in listed if any(q.type in config.types for q in s.questions)]
-    return listed[:: config.every][: config.limit or None], data
+    listed = listed[:: config.every][: config.limit or None]
+    return _tagged(listed, config) if config.tags_from else listed, data
+
+
+def _tagged(questions: Sequence[SceneQuestions], config: EvaluationConfig) -> list[SceneQuestions]:
+    """The questions with the tags that the true scenes of `tags_from` give them."""
+    asked = config.types
+    wanted = {
+        s.scene_index for s in questions if any(q.type == "counterfactual" for q in s.questions if q.type in asked)
+    }
+    scenes = {index: scene for index, _, scene in iterate_scenes(config.tags_from) if index in wanted}
+    if missing := wanted - scenes.keys():
+        lacks = f"{len(missing)} scenes with counterfactual questions, such as {min(missing)}"
+        raise DataError(f"tags_from {config.tags_from}: lacks {lacks}")
+    try:
+        return [tag_options(s, scenes[s.scene_index]) if s.scene_index in scenes else s for s in questions]
+    except DataError as e:
+        raise DataError(f"tags_from {config.tags_from}: {e}") from e
 
 
 def _job(

@@ -5,9 +5,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from nsdr.clevrer.files.questions import PAIR_KINDS, QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import OPTION_TAGS, PAIR_KINDS, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
-from nsdr.evaluation.measures import accuracy_interval, by_halves, calibration, calibration_text, percent
+from nsdr.evaluation.measures import accuracy_interval, calibration, calibration_text, percent
 from nsdr.symbolic import Executor, OfficialExecutor, Program
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Answer, ChoiceAnswer
@@ -31,14 +31,13 @@ def evaluate(
         types: question types to answer.
 
     Returns:
-        The table by question type: fractions 0-1, their 95 % intervals as in `accuracy_interval`, and numbers; also for the
-        halves of `nsdr.evaluation.measures`, where the question file has tags; where it has pairs, by kind under `pairs` the
-        share of those with both questions right; and where answers have probabilities,
-        `calibration` as in `nsdr.evaluation.measures`. Under `results` every question with its answers. What fails
-        carries its `error`: a whole question, which counts as wrong, or a single choice, which is judged wrong. `errors` is the
-        number of questions with either. Questions without answers in their file are answered, not scored: their results have
-        no `correct`, and `unlabelled` is their number. `notes` has those of scenes (`Scene.notes`) by scene index; a result
-        has those about how its texts were read.
+        The table by question type: fractions 0-1, their 95 % intervals as in `accuracy_interval`, and numbers. Where options
+        have tags, `tags` has the accuracy on each kind; where there are pairs, `pairs` has, by kind, the share of those with
+        both questions right; where answers have probabilities, there is `calibration` as in `nsdr.evaluation.measures`.
+        `results` has every question with its answers. What fails carries its `error`: a whole question, which counts as wrong,
+        or a single choice, which is judged wrong. `errors` is the number of questions with either. Questions without answers in
+        their file are answered, not scored: their results have no `correct`, and `unlabelled` is their number. `notes` has
+        those of scenes (`Scene.notes`) by scene index; a result has those about how its texts were read.
     """
     results = []
     notes: dict[str, list[str]] = {}
@@ -132,12 +131,11 @@ def _result(scene: SceneQuestions, question: Question, found: Answer | NsdrError
                 correct=("error" not in row and c.answer == choice.answer) if is_scored else None,
                 probability=c.probability,
                 tag=choice.tag,
-                blind=choice.blind,
             )
             for choice, c in zip(question.choices, judged, strict=True)
         ]
     row |= _known(pair=question.pair, pair_kind=question.pair_kind)
-    return row | _known(correct=correct if is_scored else None, blind=question.blind)
+    return row | _known(correct=correct if is_scored else None)
 
 
 def _known(**values: Any) -> Row:
@@ -151,12 +149,15 @@ def _report(results: list[Row], notes: Mapping[str, list[str]]) -> dict[str, Any
         if kind == "descriptive":
             names = sorted({str(r["question_subtype"]) for r in rows})
             subtypes = {n: _accuracy([r for r in rows if str(r["question_subtype"]) == n]) for n in names}
-            table[kind] = _accuracy(rows) | {"subtypes": subtypes} | _calibration(rows) | by_halves(rows, _accuracy)
+            table[kind] = _accuracy(rows) | {"subtypes": subtypes} | _calibration(rows)
         else:
             options = [{**c, "scene_index": r["scene_index"]} for r in rows for c in r["choices"]]
             per_option = partial(_accuracy, name="per_option", what="options")
             table[kind] = per_option(options) | _accuracy(rows, "per_question", "questions")
-            table[kind] |= _calibration(options) | by_halves(options, per_option)
+            table[kind] |= _calibration(options)
+            if any("tag" in option for option in options):
+                by_tag = {tag: [o for o in options if o.get("tag") == tag] for tag in OPTION_TAGS}
+                table[kind]["tags"] = {tag: per_option(tagged) for tag, tagged in by_tag.items()}
     if pairs := _pairs([r for r in results if "correct" in r]):
         table["pairs"] = pairs
     counts = {"errors": sum(bool(_errors(r)) for r in results), "unlabelled": sum("correct" not in r for r in results)}
@@ -216,11 +217,7 @@ def format_table(report: dict[str, Any]) -> str:
         lines.append(f"{'':<22}{'per option':>22}{'per question':>22}{'questions':>11}")
         for kind in QUESTION_TYPES:
             row = report[kind]
-            parts = {
-                f"  {name}": part
-                for halves in ("subtypes", "tags", "blind")
-                for name, part in row.get(halves, {}).items()
-            }
+            parts = {f"  {name}": part for by in ("subtypes", "tags") for name, part in row.get(by, {}).items()}
             if kind == "descriptive":
                 for name, part in {kind: row, **parts}.items():
                     lines.append(f"{name:<22}{'':>22}{percent(part, 'accuracy', INTERVAL):>22}{part['n']:>11}")

@@ -1,4 +1,4 @@
-"""Bad data sets for `nsdr export` and `nsdr controls`, outputs that are there already, and the suites' settings."""
+"""Bad data sets for `nsdr export`, outputs that are there already, and the suites' settings."""
 
 import copy
 import json
@@ -10,14 +10,13 @@ import yaml
 
 from tests.robustness.case import Case, Write, dumped, removed, repeated, replaced, text_writer
 from tests.robustness.files import DAMAGES
-from tests.robustness.good import CONTROLS, EXPORT, data_set_manifest, questions
+from tests.robustness.good import EXPORT, data_set_manifest, questions
 
 SUITES = Path(__file__).resolve().parents[2] / "configs" / "generate" / "suites"
 QUESTIONS, TRUTH = "questions/validation.json", "truth/validation/truth_10000.json"
 VIDEO = "videos/validation/video_10000.mp4"
 LOCAL = ("export", "dataset", "--format", "grpo", "-o", "out")
 TOLD, WITH_SCENES = (*LOCAL, "--reasoning", "short"), (*LOCAL, "--scenes")
-CONTROLLED = ("controls", "dataset", *CONTROLS[2:])
 
 
 def data_set(file: str = "", content: str | bytes | None = "") -> Write:
@@ -89,12 +88,6 @@ def _export_cases() -> Iterator[Case]:
         yield Case("export, true scenes", f"{name}: missing", argv, data_set(TRUTH, None), "truth_10000.json")
 
 
-def _controls_cases() -> Iterator[Case]:
-    yield Case("controls, video", "missing", CONTROLLED, data_set(VIDEO, None), "dataset")
-    below = ("controls", "dataset", "--kinds", "blind", "--workers", "1", "-o", "dataset/videos/validation")
-    yield Case("controls, video", "output among the videos", below, data_set(), "dataset/videos/validation")
-
-
 def _leaves(settings: dict[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     for name, value in settings.items():
         if isinstance(value, dict) and all(isinstance(key, str) for key in value):
@@ -127,11 +120,10 @@ def _misspelled(path: tuple[str, ...]) -> Callable[[Any], object]:
 def data_set_cases() -> Iterator[Case]:
     """All bad data sets and suites."""
     yield from _export_cases()
-    yield from _controls_cases()
     yield from _suite_cases()
 
 
 def data_set_controls() -> Iterator[Case]:
     """Good data sets: every one must be accepted."""
-    for name, argv in {"export": LOCAL, "reasoning": TOLD, "scenes": WITH_SCENES, "controls": CONTROLLED}.items():
+    for name, argv in {"export": LOCAL, "reasoning": TOLD, "scenes": WITH_SCENES}.items():
         yield Case("control", name, argv, data_set())

@@ -229,9 +229,7 @@ CHANGES: dict[str, dict[str, Change]] = {
     },
     "questions to tag": {
         "scene without truth": replaced(0, "scene_index", 10001),
-        "no counterfactual question": lambda d: d[0]["questions"].pop(),
         "unknown tag": lambda d: d[0]["questions"][1]["choices"][0].update(tag="zebra"),
-        "number as blind": lambda d: d[0]["questions"][1]["choices"][0].update(blind=5),
         "unknown object": lambda d: d[0]["questions"][1]["program"].__setitem__(2, "purple"),
     },
 }  # fmt: skip

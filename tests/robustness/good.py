@@ -228,7 +228,8 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "scene questions": ("answer", "scene.json", "-q", "How many collisions happen?"),
     "manifest": (*EVALUATE, "--root", ".", "--source", "annotations", "--types", "descriptive"),
     "submission": ("score", "submission.json", *QUESTIONS_OF, "-o", "report.json"),
-    "questions to tag": ("tag", "questions.json", "--truth", "{good}/truth", "--no-blind", "-o", "tagged.json"),
+    "questions to tag": (*EVALUATE, "--questions", "questions.json", "--source", "truth", "--data", "{good}/truth",
+                         "--tags_from", "{good}/truth"),
 }  # fmt: skip
 """A command that reads each format, from the name in `DOCUMENTS`."""
 
@@ -242,8 +243,6 @@ MOTION = ("data", "motion", "{good}/release", "--split", "validation", "-o", "ou
 GENERATE = ("generate", "dataset", "-o", "out", "--videos", "1", "--renderer", "none", "--workers", "1")
 TRAIN = ("train", "question-parser", "--run_dir", "run", "--loop.steps", "1", "--loop.device", "cpu")
 SCORE = ("score", "{good}/answers.jsonl", *QUESTIONS_OF, "-o", "report.json")
-CONTROLS = ("controls", "{good}/dataset", "--kinds", "blind", "-o", "out", "--workers", "1")
-TAG = ("tag", "{good}/questions/questions.json", "--truth", "{good}/truth", "--no-blind", "-o", "tagged.json")
 EXPORT = ("export", "{good}/dataset", "--format", "grpo", "-o", "out")
 SIMULATE = ("simulate", "{good}/video.mp4", "--remove", "brown cylinder", "-o", "out.mp4", "--json", "out.json")
 SERVE = ("serve", "{good}/dataset")

@@ -9,7 +9,7 @@ from pathlib import Path
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from tests.robustness.case import Case
-from tests.robustness.good import COMMANDS, PREDICT, SCORE, TAG
+from tests.robustness.good import COMMANDS, PREDICT, SCORE
 
 FULL = "full disk"
 """First argument of cases that run a command on a full disk; the second one is the size to which files can grow (bytes)."""
@@ -20,7 +20,6 @@ OUTPUTS: dict[str, tuple[tuple[str, ...], str, tuple[int, ...]]] = {
     "generate scene": (("generate", "scene", "-o", "scene.json"), "scene.json", (PROBED, WRITTEN)),
     "evaluate": ((*COMMANDS["compact"], "--keep-going"), "out.json", (PROBED,)),
     "score": (SCORE, "report.json", (PROBED,)),
-    "tag": (TAG, "tagged.json", (PROBED,)),
 }
 """Commands, the output that their error names, and sizes that are too small for it."""
 ODD = os.fsdecode(b"s\xff")

@@ -9,7 +9,6 @@ from nsdr.clevrer.example import TRUTH
 from tests.robustness.case import Case, Write, text_writer
 from tests.robustness.good import (
     ANSWER,
-    CONTROLS,
     COUNT,
     EVALUATE_TRUTH,
     EXPORT,
@@ -24,7 +23,6 @@ from tests.robustness.good import (
     SCORE,
     SERVE,
     SIMULATE,
-    TAG,
     TRAIN,
 )
 
@@ -84,9 +82,6 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--paraphrase": ("-1", "1.5", "nan"), "--other": ("-1", "1.5"), "--samples": ("-1",),
         "--evaluation_texts": ("0", "-1")}),
     "score": (SCORE, {"--questions": ("nowhere.json", "/dev/null", ".", ""), "--allow-missing": ("zebra",), "--zebra": ("1",)}),
-    "controls": (CONTROLS, {"--split": ("zebra", "train", "test"), "--kinds": ("zebra", "", "shuffled"),
-                            "--limit": ("-1", "x", "1.5"), "--workers": ("-1", "x"), "--engine": ("zebra",)}),
-    "tag": (TAG, {"--truth": ("nowhere", "/dev/null", ".", ""), "--train": ("nowhere.json",)}),
     "export": (EXPORT, {"--format": ("zebra", ""), "--split": ("zebra", "train", "test"), "--questions": ("nowhere.json", "."),
                         "--videos": ("zebra", ""), "--limit": ("-1", "x"), "--shard-mb": ("0", "-1", "x", "1.5", "10000000"),
                         "--reasoning": ("zebra",)}),
@@ -118,14 +113,6 @@ COMMANDS_WRONG = {
     "missing scenes": ("generate", "questions", "--scenes", "nowhere", "-o", "out.json"),
     "missing answers": ("score", "nowhere.jsonl", *QUESTIONS_OF),
     "answers without questions": ("score", "{good}/answers.jsonl"),
-    "controls of no data set": ("controls", "nowhere", "-o", "out"), "controls of no videos": ("controls", ".", "-o", "out"),
-    "controls in the data set": ("controls", "{good}/dataset", "-o", "{good}/dataset"),
-    "controls below the videos": ("controls", "{good}/dataset", "--kinds", "blind", "-o", "{good}/dataset/videos/validation"),
-    "nothing to tag": ("tag", "{good}/questions/questions.json", "--no-blind", "-o", "out.json"),
-    "tag learns from the same scenes": ("tag", "{good}/questions/questions.json", "--train", "{good}/questions/questions.json",
-                                        "-o", "out.json"),
-    "tag with too few scenes": ("tag", "{good}/questions/questions.json", "-o", "out.json"),
-    "tag learns nothing": (*TAG, "--train", "{good}/questions/questions.json"),
     "export of no data set": ("export", "nowhere", "--format", "grpo", "-o", "out"),
     "export of no questions": ("export", "{good}/truth", "--format", "grpo", "-o", "out"),
     "export without a format": ("export", "{good}/dataset", "-o", "out"),
@@ -175,7 +162,6 @@ WRITERS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "demo": (("demo",), "-o", "demo.png"),
     "generate scene": (("generate", "scene"), "--output", "out.json"),
     "score": (SCORE[:-2], "-o", "out.json"),
-    "tag": (TAG[:-2], "-o", "out.json"),
     "simulate": (SIMULATE[:4], "-o", "out.mp4"),
     "simulate document": (SIMULATE[:4], "--json", "out.json"),
     "generate questions": (("generate", "questions", "--scenes", "{good}/truth", "--workers", "1"), "--output", "out.json"),
@@ -187,7 +173,6 @@ FOLDER_WRITERS: dict[str, tuple[tuple[str, ...], str]] = {
     "generate dataset": (("generate", "dataset", *GENERATE[4:]), "--output"),
     "experiment": (("experiment", "rows.yaml"), "-o"),
     "train": (("train", "question-parser", *TRAIN[4:]), "--run_dir"),
-    "controls": ((*CONTROLS[:4], "--workers", "1"), "-o"),
     "export": (EXPORT[:4], "-o"),
 }
 ENDING_DECIDES = ("parse-video", "visualize", "demo")

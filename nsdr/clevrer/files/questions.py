@@ -77,7 +77,6 @@ class Choice(msgspec.Struct, frozen=True, omit_defaults=True, rename={"id": "cho
         program: postfix tokens; None in the test split.
         answer: "correct" or "wrong"; None in the test split.
         tag: one of `OPTION_TAGS` of a counterfactual option; None where it is not known. The release has no tags.
-        blind: whether the texts alone predict the answer; None where it is not known.
     """
 
     id: Id
@@ -85,7 +84,6 @@ class Choice(msgspec.Struct, frozen=True, omit_defaults=True, rename={"id": "cho
     program: Program | None = None
     answer: Annotated[str, one_of(("correct", "wrong"))] | None = None
     tag: Annotated[str, one_of(OPTION_TAGS)] | None = None
-    blind: bool | None = None
 
 
 _QUESTION_KEYS = {name: f"question_{name}" for name in ("id", "type", "subtype")} | {"text": "question"}
@@ -102,7 +100,6 @@ class Question(msgspec.Struct, frozen=True, omit_defaults=True, rename=_QUESTION
         program: postfix tokens; None in the test split.
         answer: the answer word; None in the test split and for multiple choice.
         choices: the choices; empty for a descriptive question.
-        blind: whether the text alone predicts the answer of a descriptive question; None where it is not known.
         pair: of a question about the second video of a pair, `SCENE_INDEX-QUESTION_ID` of the same question about the first
             one; None of all others. The release has no pairs.
         pair_kind: one of `PAIR_KINDS`, with `pair`.
@@ -115,7 +112,6 @@ class Question(msgspec.Struct, frozen=True, omit_defaults=True, rename=_QUESTION
     program: Program | None = None
     answer: str | None = None
     choices: tuple[Choice, ...] = ()
-    blind: bool | None = None
     pair: RecordId | None = None
     pair_kind: Annotated[str, one_of(PAIR_KINDS)] | None = None
 
@@ -260,7 +256,7 @@ def _check_question(q: Question, place: str) -> None:
 def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:
     """Write a question file in the official schema, atomically; inverse of `read_questions`.
 
-    Tags that are known are added to it as `tag` and `blind`, which other readers skip.
+    Options that are tagged have a `tag`, which other readers skip.
     """
     write_json(path, msgspec.to_builtins(list(scenes)))
 
@@ -269,6 +265,6 @@ def without_answers(scene: SceneQuestions) -> SceneQuestions:
     """The same questions without answers, programs and tags, as in the test split."""
     questions = []
     for q in scene.questions:
-        choices = tuple(replace(c, program=None, answer=None, tag=None, blind=None) for c in q.choices)
-        questions.append(replace(q, program=None, answer=None, choices=choices, blind=None))
+        choices = tuple(replace(c, program=None, answer=None, tag=None) for c in q.choices)
+        questions.append(replace(q, program=None, answer=None, choices=choices))
     return replace(scene, questions=tuple(questions))

@@ -115,14 +115,14 @@ def _changed(question: Question, executor: Executor) -> Question | None:
         return None
     with suppress(NsdrError):
         if question.type == "descriptive":
-            other = replace(question, answer=executor.answer(question.program).answer, blind=None)
+            other = replace(question, answer=executor.answer(question.program).answer)
         else:
             values = [executor.run([*(c.program or ()), *question.program]) for c in question.choices]
             answers = ["correct" if value else "wrong" for value in values]
             if question.type == "predictive" and answers.count("correct") != 1:
                 return None
             judged = zip(question.choices, answers, strict=True)
-            other = replace(question, choices=tuple(replace(c, answer=a, blind=None) for c, a in judged))
+            other = replace(question, choices=tuple(replace(c, answer=a) for c, a in judged))
         return other if solution(other) != solution(question) else None
     return None
 

@@ -52,12 +52,12 @@ def _features(datasets: Any) -> Any:
     The video is a path, which every version of `datasets` and every training program reads: the type `Video` takes bytes
     inside of Parquet files (a copy for each of a video's 15 questions), and needs torchcodec.
     """
-    text, number, flag = (datasets.Value(name) for name in ("string", "int64", "bool"))
+    text, number = (datasets.Value(name) for name in ("string", "int64"))
     texts = datasets.List(text)
     types = dict.fromkeys(COLUMNS, text)
     types |= dict.fromkeys(("scene_index", "question_id", "seed"), number)
     types |= dict.fromkeys(("options", "letters", "tags", "program"), texts)
-    return datasets.Features(types | {"blind": datasets.List(flag), "option_programs": datasets.List(texts)})
+    return datasets.Features(types | {"option_programs": datasets.List(texts)})
 
 
 def _card(export: Export) -> str:

@@ -28,7 +28,6 @@ COLUMNS = {
     "unknown",
     "tags": "of each counterfactual option: `observational` (the recording without the removed object has the answer) or "
     "`inferential`; null if unknown",
-    "blind": "of each option, or of the descriptive question: whether texts alone predict the answer; null if unknown",
     "program": "postfix tokens of the question, or null",
     "option_programs": "those of each option",
     "seed": "number from which `nsdr generate scene` simulates the scene; null for data that nsdr did not generate",
@@ -57,7 +56,6 @@ class Record:
     prompt: str
     solution: str | None
     tags: tuple[str | None, ...]
-    blind: tuple[bool | None, ...]
     program: tuple[str, ...] | None
     option_programs: tuple[tuple[str, ...] | None, ...]
     seed: int | None
@@ -101,7 +99,6 @@ def scene_records(
             prompt=prompt(q),
             solution=None if None in ([c.answer for c in q.choices] or [q.answer]) else solution(q),
             tags=tuple(c.tag for c in q.choices),
-            blind=tuple(c.blind for c in q.choices) or (q.blind,),
             program=q.program,
             option_programs=tuple(c.program for c in q.choices),
             seed=seed,
