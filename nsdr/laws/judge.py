@@ -74,7 +74,13 @@ def judge(
 
 
 def judge_tracks(tracks: VideoTracks, proposals: VideoProposals, late: FloatArray | None = None) -> Judgement:
-    """Judge a video like `judge`, given its tracks and the proposals from which they were made."""
+    """Judge a video as `judge` does, by its tracks and the proposals that these were made from.
+
+    Args:
+        tracks: tracks of the video.
+        proposals: proposals from which the tracks were made.
+        late: (F,) delays of the frames, as in `judge`.
+    """
     processed = _checked_frames(proposals)
     timing = timing_of(tracks, processed, np.zeros(proposals.n_frames) if late is None else late)
     spacing = float(np.median(np.diff(_checked_frames(timing.proposals(proposals)))))
