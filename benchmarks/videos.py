@@ -29,7 +29,7 @@ from benchmarks.video_kinds import ALTERED, ENCODED, FOREIGN, RATES, Frames, at_
 from nsdr import Pipeline, PipelineConfig, Scene, VideoConfig, VideoError
 from nsdr.frame_parser.check import ground
 from nsdr.frame_parser.check.reasons import SPACING_FRAMES, edge_width_px
-from nsdr.frame_parser.check.shots import MIN_CHANGE, SAME, change, is_cut, small_gray
+from nsdr.frame_parser.check.shots import MIN_CHANGE, SAME_SHARE, change, is_cut, small_gray
 from nsdr.frame_parser.check.video import SAMPLED_SECONDS, check_video, clip_frames
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
@@ -162,7 +162,9 @@ def cuts(options: Namespace, path: Path) -> None:
     for clip in options.clips:
         original = read_video(clip)
         for rate in (25, *RATES.values()):
-            changes = [c for a, b in pairwise(map(small_gray, at_rate(original, rate))) if (c := change(a, b)) > SAME]
+            changes = [
+                c for a, b in pairwise(map(small_gray, at_rate(original, rate))) if (c := change(a, b)) > SAME_SHARE
+            ]
             triples = [*zip(changes, changes[1:], changes[2:], strict=False)]
             largest = max((b / max(a, c) for a, b, c in triples if b > MIN_CHANGE), default=0)
             print(f"{clip.name} {rate:3} fps: {sum(is_cut(*t) for t in triples)} cuts; largest jump {largest:.2f}")

@@ -11,7 +11,7 @@ import pytest
 from nsdr import DataError, VideoConfig, VideoError
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
-from nsdr.frame_parser.check.ground import COLUMNS, ROWS, fit_ground, read_background, references
+from nsdr.frame_parser.check.ground import CELL_COLUMNS, CELL_ROWS, fit_ground, read_background, references
 from nsdr.frame_parser.check.layout import content_box
 from nsdr.frame_parser.check.reasons import camera_motion, marked_px
 from nsdr.frame_parser.check.shots import first_shot
@@ -238,7 +238,7 @@ def test_the_fit_undoes_exposure_and_ignores_objects() -> None:
     image = 0.7 * reference + 10
     image[:10, :20] = 255
     found = fit_ground(image, reference)
-    assert image.shape == (ROWS, COLUMNS, 3)
+    assert image.shape == (CELL_ROWS, CELL_COLUMNS, 3)
     assert found.gain == pytest.approx(0.7, abs=1e-3)
     assert found.distance == pytest.approx(0, abs=1e-2)
     assert found.color == pytest.approx(1, abs=1e-3)

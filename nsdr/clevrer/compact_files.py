@@ -25,7 +25,7 @@ __all__ = ["write_compact_files"]
 PROPOSALS_FILE, TRUTH_FILE = "proposals.npz", "truth.json.gz"
 
 VERSION = 1
-"""Of the files' content: raised when it changes."""
+"""Version of the files' content. It is raised when the content changes."""
 
 
 def write_compact_files(

@@ -5,4 +5,4 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 VERSION = 1
-"""Of the proposals of a video: raised when they change."""
+"""Version of the proposals of a video. It is raised when they change."""

@@ -33,7 +33,7 @@ BLUR_KERNEL_PX = 3
 """Side of the Gaussian blur's kernel (pixels)."""
 BLUR_SIGMA_PX = (0.3, 0.9)
 """Smallest and largest standard deviation of the Gaussian blur (pixels)."""
-JPEG_QUALITY = (30, 90)
+JPEG_QUALITY_RANGE = (30, 90)
 """Lowest and highest JPEG quality (0-100)."""
 
 
@@ -68,7 +68,7 @@ def augment(
     if rng.random() < config.blur:
         image = cv2.GaussianBlur(image, (BLUR_KERNEL_PX, BLUR_KERNEL_PX), rng.uniform(*BLUR_SIGMA_PX))  # type: ignore[assignment]
     if rng.random() < config.jpeg:
-        quality = int(rng.integers(JPEG_QUALITY[0], JPEG_QUALITY[1] + 1))
+        quality = int(rng.integers(JPEG_QUALITY_RANGE[0], JPEG_QUALITY_RANGE[1] + 1))
         _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
         image = cv2.imdecode(encoded, cv2.IMREAD_COLOR)  # type: ignore[assignment]
     return image, np.ascontiguousarray(masks)

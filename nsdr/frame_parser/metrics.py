@@ -8,12 +8,11 @@ from torch import Tensor, nn
 from torchvision.ops import box_iou
 
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
+from nsdr.tracking.tracker import PROPOSAL_SCORE
 from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
 Frame = tuple[Tensor, dict[str, Tensor]]
 """Image (3, H, W) and target, as in `FrameDataset`."""
-MIN_SCORE = 0.9
-"""Detections with a score up to this are ignored (0-1; the paper's threshold for proposals)."""
 MIN_AREA_PX = 60
 """True objects with a smaller visible area count neither as missed nor as detected (pixels)."""
 MATCH_IOU = 0.5
@@ -36,7 +35,7 @@ def detection_scores(model: nn.Module, frames: Iterable[Frame]) -> dict[str, flo
     correct = dict.fromkeys(ATTRIBUTES, 0)
     mask_iou = 0.0
     for detection, target in _detections(model, frames):
-        kept = detection["scores"] > MIN_SCORE
+        kept = detection["scores"] > PROPOSAL_SCORE
         iou = box_iou(detection["boxes"][kept], target["boxes"])
         areas = target["masks"].flatten(1).sum(1)
         expected += int((areas >= MIN_AREA_PX).sum())

@@ -46,7 +46,7 @@ ROI_BATCH = 64
 """Regions per image that the second stage is trained on."""
 ROI_POSITIVE_SHARE = 0.25
 """Largest share of positive regions among them (0-1)."""
-MIN_SCORE = 0.5
+MIN_DETECTION_SCORE = 0.5
 """Detections with a score up to this are dropped (0-1); the tracker has its own, higher threshold."""
 NMS_IOU = 0.5
 """Of two detections with a larger intersection over union, the one with the lower score is dropped (0-1)."""
@@ -217,7 +217,7 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
         batch_size_per_image=ROI_BATCH,
         positive_fraction=ROI_POSITIVE_SHARE,
         bbox_reg_weights=None,
-        score_thresh=MIN_SCORE,
+        score_thresh=MIN_DETECTION_SCORE,
         nms_thresh=NMS_IOU,
         detections_per_img=MAX_DETECTIONS,
         **heads,

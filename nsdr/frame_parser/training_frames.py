@@ -14,16 +14,15 @@ from nsdr.io.files import atomic_path, find_files, json_text, write_file
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import read_frames
+from nsdr.tracking.tracker import PROPOSAL_SCORE
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
 VERSION = 1
-"""Of the frames that are written: raised when they change."""
+"""Version of the frames that are written. It is raised when they change."""
 JPEG_QUALITY = 95
 """Quality of the written images (0-100)."""
-MIN_SCORE = 0.9
-"""Proposals with a score up to this are not written as objects (0-1; the paper's threshold for proposals)."""
 _PROPOSAL_FILE = re.compile(r"(?:proposal|sim)_0*(\d+)\.json(?:\.gz)?$")
 
 
@@ -71,7 +70,7 @@ def _write_video_frames(every: int, item: tuple[int, Path, Path], lines: Path) -
         with atomic_path(lines.parent / "images" / name) as temporary:
             _, encoded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
             temporary.write_bytes(encoded.tobytes())  # OpenCV's own writing is silent on a full disk
-        is_shown = (proposals.frame_index == frame) & (proposals.score > MIN_SCORE)
+        is_shown = (proposals.frame_index == frame) & (proposals.score > PROPOSAL_SCORE)
         objects = [_object(proposals, row) for row in np.flatnonzero(is_shown).tolist()]
         rows.append({"file_name": name, "scene": index, "frame": frame, "objects": objects})
     write_file(lines, "".join(json_text(row, lines) + "\n" for row in rows))

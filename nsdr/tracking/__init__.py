@@ -5,4 +5,4 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 VERSION = 3
-"""Of the tracks of proposals: raised when they change."""
+"""Version of the tracks of proposals. It is raised when they change."""

@@ -36,10 +36,10 @@ CUT_ITERATIONS = 8
 """Fixed-point iterations for the centre of a partly hidden object: the offsets of its sides depend on the centre."""
 
 SIZE_QUANTILE = 0.75
-"""Of the ratios of the sizes in an object's frames, and of those of the objects: objects that others hide in part look
-smaller."""
-MIN_FRAMES, MIN_OBJECTS = 5, 2
-"""Frames in which an object is seen whole, and objects, that a ratio needs at least."""
+"""Quantile of the ratios of sizes over an object's frames, and over the objects. It is high because objects that others partly
+hide look smaller."""
+MIN_WHOLE_FRAMES, MIN_WHOLE_OBJECTS = 5, 2
+"""Least number of frames in which an object is seen whole, and of such objects, for a ratio of sizes."""
 TYPICAL_RATIO = np.array([1.02, 1.0])
 """Ratios of width and height of official proposals, see `MAX_RATIO`."""
 MAX_RATIO = 1.08
@@ -143,15 +143,15 @@ def size_ratio(tracks: VideoTracks) -> NDArray[np.float64] | None:
     ratios = []
     for track in (t for t in tracks.tracks if t.object.shape != "cube"):
         whole = ~cut_sides(track.box_xyxy_px).any(1)
-        if whole.sum() >= MIN_FRAMES:
+        if whole.sum() >= MIN_WHOLE_FRAMES:
             box = track.box_xyxy_px[whole].astype(float)
             expected = expected_size(track.object.shape, track.location_world[whole], tracks.camera)
             ratios.append(np.quantile((box[:, 2:] - box[:, :2]) / expected, SIZE_QUANTILE, axis=0))
-    return np.asarray(np.quantile(ratios, SIZE_QUANTILE, axis=0)) if len(ratios) >= MIN_OBJECTS else None
+    return np.asarray(np.quantile(ratios, SIZE_QUANTILE, axis=0)) if len(ratios) >= MIN_WHOLE_OBJECTS else None
 
 
 def size_notes(tracks: VideoTracks) -> tuple[str, ...]:
-    """What is wrong with the sizes of a video's objects, if anything is: other cameras, zoom and stretching show there."""
+    """A note if objects look too large or too small for their positions, as in zoomed or stretched videos."""
     ratio = size_ratio(tracks)
     if ratio is None:
         return ()

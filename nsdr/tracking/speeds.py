@@ -15,7 +15,7 @@ out, one seems faster than `DOUBTFUL_SPEED` in 92 % of 1,444 scenes."""
 
 
 def speed_notes(tracks: VideoTracks) -> tuple[str, ...]:
-    """What is wrong with the first speeds of a video's objects, if anything is: missing frames and wrong rates show there."""
+    """A note if an object starts too fast for the frame rate: frames are missing, or the rate is wrong."""
     fastest = fastest_start(tracks)
     if fastest <= DOUBTFUL_SPEED:
         return ()
@@ -28,7 +28,7 @@ def speed_notes(tracks: VideoTracks) -> tuple[str, ...]:
 
 
 def fastest_start(tracks: VideoTracks) -> float:
-    """How far an object moves from frame to frame when it is first seen, the fastest one (world units)."""
+    """How far the fastest object moves from frame to frame when it is first seen (world units)."""
     return max((_first_speed(t) for t in tracks.tracks), default=0.0)
 
 

@@ -18,6 +18,8 @@ from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES, SHAPES, attributes_of
 
+PROPOSAL_SCORE = 0.9
+"""The paper's threshold for proposals: those with a score up to this are ignored (0-1)."""
 GATE_WORLD, GATE_WORLD_PER_FRAME = 0.25, 0.1
 """Largest distance between a proposal and a tracklet's predicted position, and its growth with each frame since the
 tracklet's last proposal (world units, world units per frame). Objects move by up to 0.1 per frame."""
@@ -44,18 +46,19 @@ DUPLICATE_WORLD, DUPLICATE_SHARE = 0.25, 0.33
 frames: centres of two objects are at least 0.4 apart (world units). Set on `train`, whose missing and spurious objects
 `python -m benchmarks.objects` counts: 51 and 9 of 42,745. Smaller values keep more spurious ones, larger ones drop objects."""
 SAME_IOU = 0.5
-"""Boxes of two consecutive frames that overlap this much (intersection over union) can be one object's, whatever the distance
-between their places: at the border and far away, places are off by more than objects move."""
+"""Boxes of two consecutive frames with at least this intersection over union can belong to one object however far apart its
+positions on the ground are: near the border and far away, positions have larger errors than objects move."""
 MIN_SAMPLES = 2
 """Processed frames in which an identity must be seen, however far apart they are."""
 LATE_DETECTIONS = 4
-"""Of the cubes and cylinders whose n detections, up to so many, are the video's last ones, about 0.5 to the power of n are
-another kind of object: 5 of 9 with one detection, 2 of 9 with two, 2 of 6 with three and none of 6 with four, in the scenes of
-`train` (`python -m benchmarks.objects`). Of 90 such spheres none was; in `validation`, 1 of 23 and 2 of 4 others."""
+"""A cube or cylinder that was detected n times, at the end of the video, is another kind of object with a probability of
+about 0.5 to the power of n, for n up to this value. In the scenes of `train`, these were 5 of 9 objects with one detection,
+2 of 9 with two, 2 of 6 with three and none of 6 with four (`python -m benchmarks.objects`), but none of 90 spheres; in
+`validation`, 1 of 23 spheres and 2 of 4 others."""
 _WORDS = np.array([attributes_of(i) for i in range(N_ATTRIBUTE_TRIPLES)])
 """(N_ATTRIBUTE_TRIPLES, 3) words of each attribute index."""
-MAX_SPACING_FRAMES = 8
-"""Warned of when the processed frames are further apart (frames)."""
+DOUBTFUL_SPACING_FRAMES = 8
+"""Processed frames that are further apart than this are noted (frames)."""
 
 
 @dataclass(frozen=True)
@@ -63,14 +66,14 @@ class TrackerConfig(Settings):
     """Which proposals and identities count.
 
     Attributes:
-        score: proposals with a score up to this are ignored (0-1; paper: 0.9).
+        score: proposals with a score up to this are ignored (0-1). The default is the paper's.
         min_frames: an identity must be seen in more frames than this (paper: 10, with which wrong labels of other objects
             make more spurious ones). Set on scenes 0, 1, 3 and 5 of every 10 of `train` with the objects that
             `python -m benchmarks.objects` counts. Frames are those of a video of 25 frames per second; where only some were
             processed, each counts for those up to the next.
     """
 
-    score: Share = 0.9
+    score: Share = PROPOSAL_SCORE
     min_frames: Count = 12
 
 
@@ -115,10 +118,10 @@ def track(
     c, processed = config or TrackerConfig(), proposals.processed
     spacing = 1.0 if processed is None or len(processed) < 2 else float(np.median(np.diff(processed)))
     notes = [*proposals.notes]
-    if spacing > MAX_SPACING_FRAMES:
+    if spacing > DOUBTFUL_SPACING_FRAMES:
         notes.append(
-            f"one frame in {spacing:g} (of 25 per second) was processed: above {MAX_SPACING_FRAMES}, collisions are missed and "
-            "misplaced; lower the stride (`--set stride=N`), or use a video with more frames per second"
+            f"one frame in {spacing:g} (of 25 per second) was processed: above {DOUBTFUL_SPACING_FRAMES}, collisions are "
+            "missed and misplaced; lower the stride (`--set stride=N`), or use a video with more frames per second"
         )
     kept = np.flatnonzero(proposals.score > c.score)
     positions = _positions(proposals, kept, camera)
@@ -156,8 +159,7 @@ def _max_gap_frames(spacing: float) -> int:
 
 
 def _enters_late(proposals: VideoProposals, rows: list[int], min_frames: int, spacing: float) -> bool:
-    """Whether the rows show an object that entered at the border too late to be seen in `min_frames` frames, and is there
-    still."""
+    """Whether the rows show an object that entered at the border too late for `min_frames` frames and has not left."""
     frames = proposals.frame_index[rows]
     frames_left = proposals.n_frames - int(frames[0])
     return (
@@ -278,8 +280,7 @@ def detected_attributes(found: Track, proposals: VideoProposals) -> NDArray[np.i
 
 
 def existence(tracks: VideoTracks) -> NDArray[np.float64]:
-    """How probable it is that each object (n,) is there: 1 but for cubes and cylinders with few detections, the video's last
-    ones."""
+    """Probability that each object (n,) exists: 1 except for cubes and cylinders with few detections at the video's end."""
     last = max((int(t.frame_index[-1]) for t in tracks.tracks), default=0)
     found = np.ones(len(tracks.tracks))
     for i, t in enumerate(tracks.tracks):

@@ -18,7 +18,7 @@ LAWS = {
     "arrow": "Time runs forwards.",
     "standstill": "Time does not stand still.",
 }
-"""What each law says; in this order they are reported."""
+"""What each law says. Violations are reported in this order."""
 
 
 @dataclass(frozen=True)

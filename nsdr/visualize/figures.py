@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from nsdr.io.files import check_installed
 from nsdr.types import DynamicsPrediction, Rollout
+from nsdr.visualize.plan_frames import FAR_EDGE_PX
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.vocabulary import COLORS_RGB
 
@@ -28,8 +29,6 @@ PLAN_MARGIN_WORLD = 0.5
 """Space around the outermost position (world units)."""
 PLAN_WIDTH_IN, LEGEND_WIDTH_IN = 7.5, 1.9
 """Widths of the plan and of the names beside it (inches)."""
-FAR_EDGE_PX = 60
-"""Image row up to which the visible ground is shaded (pixels from the top)."""
 NUMBER_OFFSET_PT = (6, 4)
 """From a collision to its number (points)."""
 

@@ -19,7 +19,7 @@ ANGULAR_DAMPING = 0.04
 GROUND_FRICTION = {"cube": 0.03, "cylinder": 0.03, "sphere": 0.0}
 """Friction coefficient of each shape on the ground; spheres slide and never spin."""
 SLIDING_DECELERATION = GROUND_FRICTION["cube"] * GRAVITY
-"""Of cubes and cylinders that slide, beside damping (world units/s²)."""
+"""Deceleration of sliding cubes and cylinders by friction, in addition to damping (world units/s²)."""
 SPINNING_FRICTION = 0.01
 """Torsional friction coefficient on the ground."""
 OBJECT_RESTITUTION = 0.8

@@ -19,14 +19,14 @@ from nsdr.errors import DataError
 from nsdr.io.files import check_name
 from nsdr.validation import FloatArray
 
-COLUMNS, ROWS = 48, 32
+CELL_COLUMNS, CELL_ROWS = 48, 32
 """Number of cells that images are compared in."""
 KEPT = 0.6
-"""Share of cells that are taken as ground: those that fit best. Objects cover at most 30 % of CLEVRER's images."""
+"""Share of the cells, those that fit best, that are taken as ground. Objects cover at most 30 % of CLEVRER's images."""
 ROUNDS = 15
 """Rounds of fitting and choosing cells; they converge in fewer."""
-MIN_GAIN = 0.1
-"""With less contrast than this share of the reference's, there is no pattern to compare."""
+MIN_PATTERN_GAIN = 0.1
+"""Least contrast, relative to the reference's, with which there is a pattern to compare."""
 MIN_SPREAD = 1e-6
 """Standard deviation of red minus blue of cells below which there is no colour (levels of 255)."""
 DARK_QUANTILE, DARKEST = 0.001, 42.0
@@ -61,7 +61,7 @@ class GroundFit:
 
 def cells(image: NDArray[Any]) -> FloatArray:
     """An image (height, width, 3) as (32, 48, 3) means."""
-    return np.asarray(cv2.resize(image.astype(np.float32), (COLUMNS, ROWS), interpolation=cv2.INTER_AREA))
+    return np.asarray(cv2.resize(image.astype(np.float32), (CELL_COLUMNS, CELL_ROWS), interpolation=cv2.INTER_AREA))
 
 
 def over_channels(pick: np.ufunc, images: NDArray[Any]) -> NDArray[Any]:
@@ -104,7 +104,7 @@ def fit_ground(image: NDArray[Any], reference: FloatArray) -> GroundFit:
     exposure = min(float(y[ground].mean() / x[ground].mean()), 1.0)
     is_colored = min(warm.std(), expected.std()) > MIN_SPREAD
     return GroundFit(
-        distance=rms * exposure / gain if gain > MIN_GAIN else float("inf"),
+        distance=rms * exposure / gain if gain > MIN_PATTERN_GAIN else float("inf"),
         gain=gain,
         level=float(y[ground].mean()),
         brightness=float(np.mean(y[ground] - x[ground])),

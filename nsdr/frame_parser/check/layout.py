@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.frame_parser.check.ground import COLUMNS, ROWS, best_fit, cells, over_channels
+from nsdr.frame_parser.check.ground import CELL_COLUMNS, CELL_ROWS, best_fit, cells, over_channels
 from nsdr.io.video import Layout
 from nsdr.validation import FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -21,7 +21,7 @@ MAX_DEVIATION = 8.0
 """Pixels of a bar differ by at most this from its colour, in each channel (levels of 255)."""
 OUTLIERS = 0.02
 """Share of a bar's pixels that may differ more."""
-MIN_STEP = 12.0
+MIN_BAR_STEP = 12.0
 """Brightness changes by more than this from a bar to the image (levels of 255); the ground of CLEVRER has no such step."""
 STEP_QUANTILE = 0.6
 """Quantile of the step along the bar's edge; bars at two sides share corners, where there is no step."""
@@ -57,7 +57,7 @@ def _bar(image: FloatArray) -> int:
     width = int(np.argmax(deviation > MAX_DEVIATION))
     inside = min(width + EDGE_PX, image.shape[1] - 1)
     step = np.quantile(np.abs(image[:, inside] - color).mean(1), STEP_QUANTILE)
-    if step > MIN_STEP:
+    if step > MIN_BAR_STEP:
         return width
     return int(np.argmax(deviation > MAX_DEVIATION / 2)) if np.argmax(deviation > FLAT) >= MIN_FLAT_PX else 0
 
@@ -65,10 +65,10 @@ def _bar(image: FloatArray) -> int:
 def _middle_of(reference: FloatArray, aspect: float) -> FloatArray:
     """The largest part of a reference (32, 48, 3) with this aspect around its middle, as (32, 48, 3)."""
     share = aspect / ASPECT
-    columns, rows = COLUMNS * min(share, 1.0), ROWS * min(1 / share, 1.0)
+    columns, rows = CELL_COLUMNS * min(share, 1.0), CELL_ROWS * min(1 / share, 1.0)
     fine = np.repeat(np.repeat(reference, FINE, 0), FINE, 1)
-    left, top = round(FINE * (COLUMNS - columns) / 2), round(FINE * (ROWS - rows) / 2)
-    return cells(fine[top : FINE * ROWS - top, left : FINE * COLUMNS - left])
+    left, top = round(FINE * (CELL_COLUMNS - columns) / 2), round(FINE * (CELL_ROWS - rows) / 2)
+    return cells(fine[top : FINE * CELL_ROWS - top, left : FINE * CELL_COLUMNS - left])
 
 
 def part_of(images: NDArray[Any], box: Box) -> NDArray[Any]:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.frame_parser.check.ground import (
-    COLUMNS,
-    ROWS,
+    CELL_COLUMNS,
+    CELL_ROWS,
     FloatArray,
     GroundFit,
     cells,
@@ -67,7 +67,7 @@ SMOOTHING_PX, EDGE_QUANTILE, EDGE_SPACING = 1.5, 0.99, 4
 """Edges are measured after so much smoothing, against blocks and noise (pixels of 480x320), where the image changes most, in
 every fourth frame that is looked at."""
 
-CELL_PX = WIDTH_PX / COLUMNS
+CELL_PX = WIDTH_PX / CELL_COLUMNS
 """Width and height of a cell (pixels of a 480x320 image)."""
 TINY = 1e-9
 """Added to a divisor (levels squared), for frames that are all the same."""
@@ -78,7 +78,7 @@ CONTRAST, TOUCHED = 25.0, 12.0
 contrast)."""
 BEND = np.array([[1, -2, 1]], np.float32)
 """Second derivative along rows."""
-BORDER_PX = 6
+IGNORED_BORDER_PX = 6
 """Objects that leave the image are thin at its border, which is not looked at (pixels)."""
 
 
@@ -171,7 +171,7 @@ def camera_motion(frames: NDArray[np.uint8]) -> float:
     images = np.stack([cells(frame).mean(2).astype(float) for frame in frames[::SPACING_FRAMES]])
     base = np.median(images, 0)
     down, right = np.gradient(base)
-    y, x = np.mgrid[:ROWS, :COLUMNS] - np.array([ROWS - 1, COLUMNS - 1])[:, None, None] / 2
+    y, x = np.mgrid[:CELL_ROWS, :CELL_COLUMNS] - np.array([CELL_ROWS - 1, CELL_COLUMNS - 1])[:, None, None] / 2
     ways = [right, down, right * x + down * y, np.ones_like(base), base]
     motion_and_exposure = np.stack([way.ravel() for way in ways], 1)
     exposure = motion_and_exposure[:, 3:]
@@ -211,7 +211,7 @@ def edge_width_px(frames: NDArray[np.uint8]) -> float:
         )
         slope = np.hypot(*(cv2.Sobel(smooth, cv2.CV_32F, dx, 1 - dx, ksize=3) / 8 for dx in (0, 1)))
         bend = np.maximum(*(np.abs(cv2.filter2D(smooth, -1, kernel)) for kernel in (BEND, BEND.T)))
-        inner = slice(BORDER_PX, -BORDER_PX)
+        inner = slice(IGNORED_BORDER_PX, -IGNORED_BORDER_PX)
         most = (np.quantile(image[inner, inner], EDGE_QUANTILE) for image in (slope, bend))
         widths.append(np.exp(-0.5) * next(most) / (next(most) + TINY))
     return float(np.median(widths))
@@ -232,7 +232,7 @@ def marked_px(image: FloatArray, reference: FloatArray, fit: GroundFit) -> int:
     objects = cv2.dilate(_thick(np.abs(difference) > TOUCHED).astype(np.uint8), STROKE) > 0
     bright, dark = difference > CONTRAST, difference < -CONTRAST
     marks = (bright & ~_thick(bright) | dark & ~_thick(dark)) & ~objects
-    return int(marks[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX].sum())
+    return int(marks[IGNORED_BORDER_PX:-IGNORED_BORDER_PX, IGNORED_BORDER_PX:-IGNORED_BORDER_PX].sum())
 
 
 def _thick(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -12,10 +12,10 @@ from nsdr.world.physics_constants import FPS
 
 GRAY_SIZE = (120, 80)
 """Width and height of the images that are compared (pixels)."""
-CHANGED = 15
-"""A pixel of the small images has changed when its brightness differs by more than this (levels of 255)."""
-SAME = 0.0005
-"""Frames of which a smaller share of pixels differs show the same: videos that were converted to another rate repeat frames."""
+CHANGED_LEVELS = 15
+"""Difference of brightness above which a pixel of the small images has changed (levels of 255)."""
+SAME_SHARE = 0.0005
+"""Two frames show the same if a smaller share of their pixels differs: videos converted to another rate repeat frames."""
 MIN_CHANGE = 0.02
 """Share of pixels that change at a cut at least. Where a clip of CLEVRER's begins again, 0.04 to 0.2 change."""
 JUMP = 5.0
@@ -32,7 +32,7 @@ def small_gray(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def change(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
     """Share of pixels (0-1) that differ between two frames, given as the (H, W) images of `small_gray`."""
-    return np.count_nonzero(cv2.absdiff(first, second) > CHANGED) / first.size
+    return np.count_nonzero(cv2.absdiff(first, second) > CHANGED_LEVELS) / first.size
 
 
 def is_cut(before: float, now: float, after: float) -> bool:
@@ -61,7 +61,7 @@ def first_shot(frames: Iterator[NDArray[np.uint8]], max_frames: int, note: Note)
     for frame in frames:
         following = last if last is not None and frame is last[0] else (frame, small_gray(frame))
         after = 0.0 if last is None else change(last[1], following[1])
-        if after > SAME:
+        if after > SAME_SHARE:
             if n and is_cut(before, now, after):
                 note(f"a cut after {n} frames ({n / FPS:.1f} s); only what is before it is used")
                 return
