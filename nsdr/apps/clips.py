@@ -25,7 +25,7 @@ from nsdr.world.physics_constants import FPS
 KEPT_CLIPS = 64
 """Clips that are kept: those that were looked at or asked about last."""
 Progress = Callable[[float, str], Any]
-"""Called with the share that is done (0-1) and what is being done."""
+"""A function that is called with the share that is done (0-1) and what is being done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Clips:
         self._kept: dict[str, Clip] = {}
 
     def watch(self, path: str | Path, progress: Progress | None = None) -> Clip:
-        """What is in a video file; at once if the same content was asked for before.
+        """Perceive a video file, or return at once what is known of one with the same content.
 
         Raises:
             VideoError: it is too long, or `Pipeline.perceive` refuses it.
@@ -100,7 +100,7 @@ class Clips:
         return clip
 
     def _known(self, key: str) -> Clip | None:
-        """A kept clip, which becomes the last one to be forgotten; None if there is none."""
+        """A kept clip, which is then forgotten last; None if there is none."""
         with self._keeping:
             if (clip := self._kept.pop(key, None)) is not None:
                 self._kept[key] = clip

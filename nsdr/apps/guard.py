@@ -94,7 +94,7 @@ class Guard:
         return (413, f"too large: {int(length):,} bytes, at most {most:,} are taken") if int(length) > most else None
 
     async def _upload(self, size: int, scope: Any, receive: Any, send: Any) -> tuple[int, str] | None:
-        """Let an upload pass if there is room for it; why it was refused, as in `_refused_post`."""
+        """Let an upload pass if there is room for it; otherwise return why it is refused, as `_refused_post` does."""
         if not self._make_room(size):
             return 507, "there is no room for this upload now; try again in a few minutes"
         self.expected_bytes.append(size)
@@ -111,7 +111,7 @@ class Guard:
             self._delete_unfinished()
 
     def _make_room(self, size: int) -> bool:
-        """Delete the oldest uploads until a file of this size fits beside those that are on their way; whether it does."""
+        """Delete the oldest uploads until a file of this size fits beside those on their way; returns whether it fits."""
         self.uploads.mkdir(parents=True, exist_ok=True)
         self._delete_unfinished()
         coming = size + sum(self.expected_bytes)
@@ -128,7 +128,7 @@ class Guard:
         return kept + coming <= self.max_bytes and coming <= disk.free - RESERVE_SHARE * disk.total
 
     def _delete_unfinished(self) -> None:
-        """Delete what is left of uploads that were broken off."""
+        """Delete the remains of interrupted uploads."""
         for file in self.uploads.iterdir():
             if file.is_file() and (not self.expected_bytes or time.time() - _written(file) > UPLOAD_SECONDS):
                 file.unlink(missing_ok=True)
@@ -142,7 +142,7 @@ def delete_upload(path: Path) -> None:
 
 
 def _written(file: Path) -> float:
-    """When a file was written last (seconds of the system's clock); 0 where it is gone meanwhile."""
+    """When a file was last written (seconds of the system's clock); 0 if it has been deleted since."""
     try:
         return file.stat().st_mtime
     except FileNotFoundError:
@@ -175,7 +175,7 @@ def _names_other_hosts(body: bytes) -> bool:
 
 
 def _replayed(body: bytes, receive: Any) -> Any:
-    """What gives a request's body, which was read, again, and then what follows."""
+    """A `receive` that gives the body, which has been read, once more, and then what follows it."""
     first = iter([{"type": "http.request", "body": body, "more_body": False}])
 
     async def replayed() -> Any:

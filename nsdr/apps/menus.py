@@ -81,7 +81,7 @@ class Slider:
 
 
 @dataclass(frozen=True)
-class Change:
+class ChangeKind:
     """A kind of intervention.
 
     Attributes:
@@ -104,24 +104,24 @@ PLACE = MAX_POSITION_WORLD
 SPEED = MAX_SPEED_WORLD_PER_S
 X_AXIS, Y_AXIS = "towards the camera", "to the right"
 CHANGES = {
-    "remove": Change(Remove),
-    "heavier or lighter": Change(SetMass, (Slider("times the mass", 0.1, 10, 0.1, 3),)),
-    "faster, slower or back": Change(
+    "remove": ChangeKind(Remove),
+    "heavier or lighter": ChangeKind(SetMass, (Slider("times the mass", 0.1, 10, 0.1, 3),)),
+    "faster, slower or back": ChangeKind(
         lambda name, factor: SetVelocity(name, factor=factor), (Slider("times the velocity", -3, 3, 0.1, 2),)
     ),
-    "other velocity": Change(
+    "other velocity": ChangeKind(
         lambda name, speed, direction: SetVelocity(name, speed=speed, direction=direction),
         (
             Slider("speed (world units/s)", 0, SPEED, 0.1, 2.8),
             Slider(f"direction (degrees: 0 {X_AXIS}, 90 {Y_AXIS})", -180, 180, 5, 0),
         ),
     ),
-    "move": Change(
+    "move": ChangeKind(
         lambda name, dx, dy: Move(name, dx=dx, dy=dy),
         (Slider(f"by, {X_AXIS} (world units)", -3, 3, 0.1, 0.5), Slider(f"by, {Y_AXIS} (world units)", -3, 3, 0.1, 0)),
     ),
-    "fix to the ground": Change(Freeze),
-    "add": Change(
+    "fix to the ground": ChangeKind(Freeze),
+    "add": ChangeKind(
         _added,
         (
             Slider(f"place {X_AXIS} of the middle (world units)", -PLACE, PLACE, 0.1, 2),

@@ -46,9 +46,9 @@ def answer_panel(answer: Answer, clip: Clip) -> str:
 
 
 def rests_on(trace: Sequence[TraceStep], scene: Scene) -> dict[int, tuple[int, ...]]:
-    """Frames of the video that an answer rests on, each with the ids of the objects that it is about.
+    """The frames of the video that an answer is based on, each with the ids of the objects that it is about.
 
-    They are those of the last events or frame among the steps; of an answer about neither, the frame in the video's middle.
+    These are the frames of the last step that returns events or a frame. If no step does, it is the middle frame of the video.
     """
     objects = next((step.objects for step in reversed(trace) if step.objects), ())
     for step in reversed(trace):
@@ -77,7 +77,7 @@ def _frames(answer: Answer, clip: Clip, frames: NDArray[np.uint8]) -> str:
 
 
 def difference_panel(simulation: Simulation, clip: Clip) -> str:
-    """What was changed in a clip, and what happens otherwise, with probabilities."""
+    """What was changed in a clip, and what happens differently, with probabilities."""
     lines = [f"<li>{html.escape(change_text(simulation, change))}" for change in simulation.differences()]
     what = "".join(lines) or "<li>nothing else changes"
     head = html.escape(interventions_text(simulation))

@@ -1,4 +1,4 @@
-"""What holds for requests of strangers, by the page and by agents: limits on their texts, and messages without folders."""
+"""Rules for requests of strangers on the page and through agents: limits on their texts, and messages without folders."""
 
 import re
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ def _check(number: int, most: int, what: str, unit: str) -> None:
 
 
 def without_folders(message: str) -> str:
-    """The message with the names of files for their absolute paths, which are none of a stranger's business.
+    """The message with absolute paths shortened to the names of files, as folders are none of a stranger's business.
 
     Folders with spaces are told from words only at the start, where errors name their file.
     """

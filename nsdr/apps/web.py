@@ -33,11 +33,11 @@ from nsdr.visualize.violations import judgement_html
 log = logging.getLogger(__name__)
 
 QUEUE = 20
-"""Clips and simulations that wait; visitors with further ones are told to come back. Questions do not wait for them."""
+"""How many clips and simulations may wait. Visitors with more are asked to come back. Questions do not wait for them."""
 THREADS = 8
 """Threads for visitors' work. Clips and simulations take one at a time. Replies to requests have their own."""
-UPLOAD_SECONDS = (60, 3600)
-"""How often uploads are looked through, and the age at which they are deleted (seconds)."""
+CLEANUP_SECONDS = (60, 3600)
+"""How often old uploads are deleted, and their age at that time (seconds)."""
 KEPT_VIDEOS = 30
 """Videos that are kept on the disk, besides those of clips."""
 ERROR_SECONDS = 20
@@ -120,7 +120,7 @@ class _Page:
 
     def build(self) -> Any:
         gr = self.gr
-        with gr.Blocks(title="nsdr", analytics_enabled=False, fill_width=True, delete_cache=UPLOAD_SECONDS) as page:
+        with gr.Blocks(title="nsdr", analytics_enabled=False, fill_width=True, delete_cache=CLEANUP_SECONDS) as page:
             gr.Markdown(INTRODUCTION)
             self.clip = gr.State("")
             with gr.Row():
@@ -251,7 +251,7 @@ class _Page:
         return Path(path)
 
     def _looked_at(self, path: Path, progress: Callable[..., Any]) -> Iterator[dict[Any, Any]]:
-        """What is found in a clip, and then which laws it breaks; the reason where it is refused."""
+        """Yield what is found in a clip, and then which laws it breaks; or the reason why it is refused."""
         try:
             yield self._watch(path, progress)
         except (NsdrError, MachineError) as e:
@@ -260,7 +260,7 @@ class _Page:
         yield {self.laws: self._judge(path)}
 
     def _watch(self, path: Path, progress: Callable[..., Any]) -> dict[Any, Any]:
-        """Look at a clip; new values of everything that depends on it."""
+        """Look at a clip; returns new values of everything that depends on it."""
         clip = self.clips.watch(path, lambda share, text: progress(share, desc=text))
         if clip not in self.shown:
             progress(1.0, desc="drawing what was found")

@@ -97,7 +97,7 @@ def print_parts(usage: str, parts: Mapping[str, tuple[Any, str]], more: str) -> 
 
 
 def refuse_idle(options: Any, names: Sequence[str], reason: str, about: str = "") -> None:
-    """Refuse those of the options that are given, as they would do nothing: "ABOUT--NAME would do nothing REASON"."""
+    """Refuse the options that are given although they would do nothing: "ABOUT--NAME would do nothing REASON"."""
     given = [
         f"--{name.replace('_', '-')}" for name in names if name != "set" and getattr(options, name) not in NOT_GIVEN
     ]
@@ -184,13 +184,13 @@ def refuse_for_scene(options: Any) -> None:
 
 
 def failures_line(failed: int, total: int, what: str, example: str, keep_going: bool) -> int:
-    """Print how much failed, if anything, as the last line; returns the exit status.
+    """Print how much failed, if anything, as the last line; return the exit status.
 
     Args:
         failed, total: numbers of things.
         what: what they are, in the plural.
         example: one of them, with what went wrong.
-        keep_going: failures are no reason for a status other than 0.
+        keep_going: whether the status is 0 in spite of failures.
     """
     if not failed:
         return 0

@@ -15,11 +15,11 @@ MAX_BLOCKS = 1_000_000
 REMEDY = "convert it, such as by: ffmpeg -i IN OUT.mp4"
 """What to do about a file with too much of something."""
 Blocks = Iterator[float | None]
-"""For each block how long the frame is shown that it begins (milliseconds); None where it begins none."""
+"""For each block that begins a frame, how long this frame is shown (milliseconds); None for other blocks."""
 
 
 def frame_durations_ms(path: Path) -> list[float]:
-    """How long each frame is shown (milliseconds, 0 where the file does not say); empty for any other kind of file.
+    """How long each frame is shown (milliseconds; 0 if the file does not say). The list is empty for any other kind of file.
 
     Raises:
         VideoError: more frames than `Limits.frames` or blocks than `MAX_BLOCKS`, a header that is cut off, or a GIF with

@@ -31,9 +31,9 @@ def find_checkpoint(path_or_id: str | Path = "default", group: str = "") -> Path
     """The folder of a checkpoint.
 
     A name is looked for in this order: below `$NSDR_CHECKPOINTS`; below the `checkpoints` folder of the checkout; below
-    `share/nsdr/checkpoints` of the environment, where an installed wheel puts those that ship; in the working folder. What
-    begins with `.`, `~` or `/` is a path, so `./default` is a folder of one's own that is called like a checkpoint that ships.
-    Checkpoints of others are fetched first, such as by `huggingface_hub.snapshot_download`, which returns the folder.
+    `share/nsdr/checkpoints` of the environment, where an installed wheel puts those that ship; in the working folder. A name
+    that begins with `.`, `~` or `/` is a path, so `./default` is your own folder even if a checkpoint of this name ships.
+    Fetch the checkpoints of others first, for example by `huggingface_hub.snapshot_download`, which returns the folder.
 
     Args:
         path_or_id: the name or path.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nsdr.errors import VideoError, machine_error
 from nsdr.io.files import check_name, find_files
-from nsdr.io.images import SUFFIXES as IMAGE_SUFFIXES, has_images, is_animated, open_images
+from nsdr.io.images import FRAME_SUFFIXES, has_images, is_animated, open_images
 from nsdr.io.limits import check_limit
 from nsdr.io.notes import Note
 from nsdr.world.physics_constants import FPS
@@ -21,13 +21,14 @@ from nsdr.world.physics_constants import FPS
 RATES = (1.0, 1000.0)
 """Lowest and highest frame rate that is read (frames per second); others are errors of the file."""
 SUFFIXES = (".mp4", ".gif", ".webp")
-"""Of the videos that are looked for in folders."""
+"""Endings of the names of videos that are looked for in folders."""
 RATE_TOLERANCE = 0.1
 """Frame rates that differ by less from CLEVRER's are taken as the same (frames per second)."""
 UNEVEN = 1.0
-"""Frames that are shown so much earlier or later than at an even rate make a variable frame rate (frames of CLEVRER)."""
+"""How much earlier or later than at an even rate a frame must be shown for the frame rate to count as variable (frames of CLEVRER)."""
 UNEVEN_SHARE = 0.1
-"""So do frames of an animated image whose durations are so far from multiples of the usual one (share of it)."""
+"""How far the duration of an animated image's frame must be from a multiple of the usual one for the frame rate to count as
+variable (share of the usual duration)."""
 TimedFrames = Iterator[tuple[float, NDArray[np.uint8]]]
 """Frames (height, width, 3) uint8 RGB, and when each is shown after the first one (frames of CLEVRER)."""
 HEAD_BYTES = 4096
@@ -48,7 +49,7 @@ SIGNATURES = (
 )
 """Signatures of the containers that are read: bytes that must all be there, and where they stand (bytes from the start)."""
 TEXTS = (b"#EXTM3U", b"ffconcat", b"v=0", b"<")
-"""With which playlists, scripts, sessions and manifests begin.
+"""How playlists, scripts, session descriptions and manifests begin.
 
 FFmpeg, which OpenCV calls, takes them for videos, and opens whatever other file of this machine they name. They are refused
 even where bytes that follow look like those of a container.
@@ -66,8 +67,8 @@ class OpenedVideo:
     """An opened video.
 
     Attributes:
-        rate: frames a second.
-        seconds: how long it lasts; 0 where its header does not say.
+        rate: frames per second.
+        seconds: how long it lasts; 0 if its header does not say.
         frames: (height, width, 3) each, as they are decoded.
     """
 
@@ -78,7 +79,7 @@ class OpenedVideo:
 
 @contextmanager
 def opened(path: Path, fps: float, note: Note) -> Iterator[OpenedVideo]:
-    """An opened video, of `fps` frames a second where that is not 0. Its uncertain or uneven frame rate is noted."""
+    """Open a video. `fps` replaces the frame rate that the file states, unless it is 0; an uncertain or uneven rate is noted."""
     check_is_video(path)
     images = open_images(path)
     if images is None:
@@ -103,7 +104,7 @@ def opened(path: Path, fps: float, note: Note) -> Iterator[OpenedVideo]:
 
 
 def _checked_rate(path: Path, rate: float, note: Note) -> float:
-    """A video's frame rate (1/s); CLEVRER's rate if the file says none, with a note."""
+    """A video's frame rate (1/s); CLEVRER's rate, with a note, if the file states none."""
     if not rate:
         remedy = "--fps gives the right one (in Python, VideoConfig.fps)"
         note(f"does not say its frame rate; taken as {FPS} per second; {remedy}")
@@ -205,7 +206,7 @@ def find_videos(folder: str | Path) -> list[Path]:
 
 def find_frame_folders(folder: str | Path) -> list[Path]:
     """The folders below a folder that hold PNG or JPEG files, sorted: each may be a video, with one file a frame."""
-    images = (path for path in find_files(folder, "*") if path.suffix.lower() in IMAGE_SUFFIXES)
+    images = (path for path in find_files(folder, "*") if path.suffix.lower() in FRAME_SUFFIXES)
     return sorted({path.parent for path in images} - {Path(folder)})
 
 

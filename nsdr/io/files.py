@@ -28,9 +28,9 @@ LOCK = ".lock"
 PROBE_BYTES = 4096
 """Bytes that are written for a test, and deleted."""
 OF_THE_NAME = (errno.EEXIST, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EISDIR, errno.ELOOP)
-"""System errors that say that no file can have the name of an output."""
+"""System errors which say that no file can have this name."""
 OF_THE_PLACE = (errno.EACCES, errno.EPERM, errno.EPIPE)
-"""System errors that say that an output cannot be written where it lies, beside those of every machine."""
+"""System errors which say that this place cannot be written to. `machine_error` knows further ones."""
 NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
 """System errors of file systems that cannot lock files."""
 log = logging.getLogger(__name__)
@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[None]:
-    """The system's errors while `path` is written, in one line.
+    """Within the block, system errors about writing `path` become errors of one line.
 
     Raises:
         MachineError: `path` cannot be written: no permission, no space left.
@@ -52,14 +52,14 @@ def writing(path: str | Path) -> Iterator[None]:
             raise DataError(message) from e
         if e.errno in OF_THE_PLACE or machine_error(e, path):
             raise MachineError(message) from e
-        raise  # of what is read meanwhile
+        raise  # it is about something that is read in the block
 
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """A temporary path beside `path`; it is flushed to disk and replaces `path` when the block ends without an error.
 
-    Of a link, the file that it points to is replaced. What a kill leaves is a hidden file (`remove_partial_files`).
+    If `path` is a link, the file that it points to is replaced. A killed process leaves a hidden file (`remove_partial_files`).
 
     Raises:
         MachineError: `path` cannot be written: no permission, no space left.
@@ -88,7 +88,7 @@ def _check_is_file(target: Path, path: str | Path) -> None:
 
 @contextmanager
 def _marked(path: Path) -> Iterator[None]:
-    """A new, empty file, which `_is_written` says is written until the block or this process ends."""
+    """Create an empty file. Until the block or this process ends, `_is_written` is true for it."""
     try:
         import fcntl
     except ImportError:  # Windows deletes no file that is open
@@ -102,7 +102,7 @@ def _marked(path: Path) -> Iterator[None]:
 
 
 def _is_written(path: Path) -> bool:
-    """Whether a process is still writing an unfinished file, or that cannot be known."""
+    """Whether a process is still writing an unfinished file; also True if that cannot be known."""
     try:
         import fcntl
     except ImportError:
@@ -116,7 +116,7 @@ def _is_written(path: Path) -> bool:
 
 
 def remove_partial_files(folder: Path) -> None:
-    """Delete the unfinished files that killed processes left below a folder, and none that a process is still writing.
+    """Delete the unfinished files that killed processes left below a folder, but not those that a process is still writing.
 
     Unfinished folders, such as that of an interrupted download, stay: the command that made them goes on with them.
     """
@@ -146,7 +146,7 @@ def write_json(path: str | Path, value: Any, indent: int | None = None) -> None:
 
 
 def json_text(value: Any, name: str | Path, indent: int | None = None) -> str:
-    """`value` as JSON.
+    """The JSON text of a value.
 
     Args:
         value: plain values.
@@ -176,11 +176,11 @@ def sync(*paths: Path) -> None:
 
 @contextmanager
 def locked(folder: str | Path, name: str = "", wait: bool = False) -> Iterator[None]:
-    """Hold the lock of a folder, or of some output in it; what runs within the block may take it again.
+    """Hold the lock of a folder, or of some output in it; code within the block may take it again.
 
     Args:
         folder: created if missing.
-        name: of the output in it; "" for the whole folder.
+        name: name of the output; "" for the whole folder.
         wait: wait for another process that has the lock, and say so.
 
     Raises:
@@ -223,7 +223,7 @@ def _owner(path: Path) -> str:
 
 
 def check_output(path: str | Path, suffixes: Sequence[str] = (), inputs: Sequence[str | Path] = ()) -> str:
-    """Check that a file can be written, now or in folders that are still to be made.
+    """Check that a file can be written. Its folder may be missing.
 
     Args:
         path: the file.
@@ -266,7 +266,7 @@ def check_output_folder(path: str | Path) -> None:
 
 
 def check_installed(module: str, purpose: str, extra: str) -> None:
-    """Refuse before the work what needs a package that is not installed.
+    """Refuse work that needs a package that is not installed, before it starts.
 
     Args:
         module: the package's module.

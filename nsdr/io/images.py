@@ -22,10 +22,11 @@ from nsdr.io.limits import check_limit
 
 FORMATS = ("GIF", "JPEG", "PNG", "WEBP")
 """Formats that are read."""
-SUFFIXES = (".png", ".jpg", ".jpeg")
-"""Of the files of a folder that are frames."""
+FRAME_SUFFIXES = (".png", ".jpg", ".jpeg")
+"""Endings of the names of files that are frames of a folder."""
 MIN_SECONDS = 0.02
-"""Animated images whose frames last less say nothing of their rate: players replace such durations, each by its own (s)."""
+"""Shortest duration of a frame that says something about the rate of an animated image (s): each player replaces shorter ones
+by a duration of its own."""
 
 
 UNREADABLE = (
@@ -36,13 +37,13 @@ UNREADABLE = (
 
 @dataclass(frozen=True)
 class Images:
-    """A video that is images, opened.
+    """An opened video that consists of images.
 
     Attributes:
         path: the animated image, or the folder.
-        files: of a folder, one a frame; the animated image itself.
+        files: the files of a folder, one for each frame; or the animated image alone.
         n_frames: number of frames.
-        seconds: when each frame of an animated image is shown, and last when the last one ends; empty where nothing says.
+        seconds: when each frame of an animated image is shown, followed by the end of the last one; empty if the file does not say.
     """
 
     path: Path
@@ -52,7 +53,7 @@ class Images:
 
     @property
     def rate(self) -> float:
-        """Frames a second, by how long most are shown; 0 where nothing says."""
+        """Frames per second, from the usual duration of a frame; 0 if the file does not say."""
         return 1 / statistics.median_low(b - a for a, b in pairwise(self.seconds)) if self.seconds else 0.0
 
     def frames(self) -> Iterator[NDArray[np.uint8]]:
@@ -112,7 +113,7 @@ def open_images(path: Path) -> Images | None:
 
 
 def _images_in(folder: Path) -> list[Path]:
-    return [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not is_hidden(p.relative_to(folder))]
+    return [p for p in folder.iterdir() if p.suffix.lower() in FRAME_SUFFIXES and not is_hidden(p.relative_to(folder))]
 
 
 def _folder(path: Path) -> Images:

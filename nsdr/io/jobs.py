@@ -25,15 +25,15 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Job(Generic[Item]):
-    """A task that writes files; as a text, its name.
+    """A task that writes files. `str(job)` is its name.
 
     Attributes:
         name: for reports and `failures.json`.
         item: what the task works on; picklable.
         output: the file that the task writes last; its presence marks the task as finished.
         fingerprint: of everything the output depends on (`nsdr.io.fingerprint`).
-        source: the file or folder whose number or name the output has; None where it is named otherwise. The output of another
-            source is not replaced.
+        source: the file or folder from which the output takes its number or name; None if it is named otherwise. An output
+            that was made from another source is not replaced.
     """
 
     name: str
@@ -83,7 +83,7 @@ def run_jobs(
     unit: str = "video",
     wait: bool = False,
 ) -> Summary:
-    """Do `function(item, output)` for every job whose output is missing or was made under another fingerprint.
+    """Call `function(item, output)` for every job whose output is missing or has another fingerprint.
 
     Fingerprints are kept in `folder/.fingerprints.jsonl`, error messages in `folder/failures.json`. A killed run goes on
     where it stopped; one failure does not stop the others, and leaves an earlier output as it was. An error of the machine ends
@@ -96,7 +96,7 @@ def run_jobs(
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
         unit: what a job is called in the progress bar.
-        wait: wait for another process that works in the folder, in place of an error.
+        wait: wait for another process that works in the folder instead of raising an error.
 
     Raises:
         DataError: an unknown engine, or another process works in the folder. Or two jobs have one output, an output is a file
@@ -138,7 +138,7 @@ def run_jobs(
 
 
 def read_output(job: Job[Item], read: Callable[[Path], Read], function: Callable[[Item, Path], Any]) -> Read:
-    """What a finished job wrote. An output that was damaged since then is made again, in this process.
+    """Read what a finished job wrote. An output that has been damaged since then is made again in this process.
 
     Args:
         job: a job that `run_jobs` has done or kept.
@@ -184,7 +184,7 @@ def _check_outputs(jobs: Sequence[Job[Item]], folder: Path) -> None:
 
 
 def _check_source(job: Job[Item], before: Entry | None) -> None:
-    """An output that was made from another source, which is still there with another content, is not replaced."""
+    """Refuse to replace an output that was made from another source if that still exists and has another content."""
     if before is None or job.source is None or not job.output.exists():
         return
     source = Path(before.source)

@@ -19,8 +19,8 @@ class Entry:
 
     Attributes:
         output: path of the file below the folder.
-        fingerprint: of everything that the file was made from; "" while it is made.
-        source: absolute path of the one input that the file has its name from; "" where it is named otherwise.
+        fingerprint: fingerprint of everything that the file was made from; "" while it is being made.
+        source: absolute path of the input from which the file takes its name; "" if it is named otherwise.
     """
 
     output: str
@@ -29,7 +29,7 @@ class Entry:
 
 
 def append_to_ledger(folder: Path, entries: Iterable[Entry]) -> None:
-    """Write lines to the disk; what a kill or a full disk left unfinished before them is a line of its own.
+    """Append lines and flush them to disk. They begin on a new line even if a kill or a full disk left the last one unfinished.
 
     Raises:
         MachineError: the ledger cannot be written.
@@ -42,7 +42,7 @@ def append_to_ledger(folder: Path, entries: Iterable[Entry]) -> None:
 
 
 def read_ledger(folder: Path) -> dict[str, Entry]:
-    """The newest line of each output, by its path; lines that a kill left unfinished, and other things, are passed over."""
+    """The newest line of each output, by its path. Lines that a killed process left unfinished are skipped."""
     path, entries = folder / LEDGER, {}
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
         try:

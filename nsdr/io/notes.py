@@ -6,7 +6,7 @@ from itertools import chain
 from pathlib import Path
 
 Note = Callable[[str], object]
-"""Takes one thing that a user should know, without the name of the file that it is about; `list.append` keeps it."""
+"""A function that is called with one thing that a user should know, without the name of the file. `list.append` keeps it."""
 
 
 def as_warnings(path: str | Path) -> Note:
@@ -15,7 +15,7 @@ def as_warnings(path: str | Path) -> Note:
 
 
 def unsaid(_: str) -> None:
-    """Drops a note, where a result that is made of the same file has it already."""
+    """Drop a note, because another result of the same file has it already."""
 
 
 def distinct(*groups: Iterable[str]) -> tuple[str, ...]:

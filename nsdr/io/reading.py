@@ -84,7 +84,7 @@ def read_json(path: str | Path, kind: Any = Any) -> Any:
 
 
 def read_json_bytes(path: str | Path) -> bytes:
-    """The bytes of a JSON file, decompressed and without a byte order mark; raises `DataError` as `read_bytes`."""
+    """The bytes of a JSON file, decompressed and without a byte order mark. The errors are those of `read_bytes`."""
     with _named(str(path), "JSON file"):
         return _text(read_bytes(path, kind="JSON file"), str(path))
 
@@ -110,7 +110,7 @@ def parse_json(data: bytes, name: str, kind: Any = Any) -> Any:
 
 
 def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
-    """(line number from 1, value) of each line of a JSON Lines file; empty lines are passed over.
+    """(line number from 1, value) of each line of a JSON Lines file; empty lines are skipped.
 
     Raises:
         DataError: a line is not JSON, or has a key twice; names `name` and the line.
@@ -125,7 +125,7 @@ def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:
 
 
 def is_json_lines(data: bytes) -> bool:
-    """Whether JSON text is an object in its first line, with more in the lines after it."""
+    """Whether the first line of a JSON text is an object, and more lines follow."""
     first, _, rest = data.lstrip().partition(b"\n")
     if not (first.startswith(b"{") and rest.strip()):
         return False

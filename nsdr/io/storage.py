@@ -29,7 +29,7 @@ LIMITS = {
     "collisions": "events",
     "uncertain": "events",
 }
-"""Keys whose numbers or lengths `nsdr.io.limits` ends, and by which limit."""
+"""Keys whose numbers or lengths are limited by `nsdr.io.limits`, each with the name of its limit."""
 
 
 class _StoredArray(msgspec.Struct):

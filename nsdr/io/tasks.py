@@ -22,11 +22,11 @@ from nsdr.io.files import check_installed
 
 ENGINES = ("processes", "ray")
 RAY_RETRIES = 3
-"""Times that Ray does the task of a lost worker again."""
+"""How often Ray repeats the task of a lost worker."""
 RAY_TASKS_PER_CORE = 2
-"""Tasks handed to Ray per core, so that none waits for the next one."""
+"""Tasks handed to Ray per core, so that no core waits for its next task."""
 PARENT_POLL_S = 1.0
-"""Time after which a worker looks whether its program still runs (s)."""
+"""How often a worker checks that its program still runs (s)."""
 Item = TypeVar("Item")
 log = logging.getLogger(__name__)
 
@@ -41,17 +41,17 @@ class Outcome(Generic[Item]):
 
 
 _Found = Outcome[Item] | MachineError | CheckpointError
-"""What a worker gives back: an outcome, or an error that says nothing of the item."""
+"""What a worker returns: an outcome, or an error that is not about the item."""
 
 
 def run_tasks(
     function: Callable[[Item], Any], items: Sequence[Item], engine: str = "processes", workers: int = 0
 ) -> Generator[Outcome[Item], None, None]:
-    """Do `function(item)` for all items; outcomes come as they end, in any order. One failure does not stop the rest.
+    """Call `function(item)` for all items. Outcomes come in the order in which they end; one failure does not stop the rest.
 
-    What is no failure of an item ends the work at once: an error of the machine, such as a full disk, and weights that
-    cannot be loaded. When a process dies, the tasks that were in work are done again, one by one, after all others; when it
-    dies again, the work ends, too.
+    Errors that are not about an item end the work at once: those of the machine, such as a full disk, and weights that
+    cannot be loaded. When a process dies, the tasks that were running are done again, one by one, after all others; if one of
+    them dies again, the work ends.
 
     Args:
         function: travels to other processes, as do the items.
@@ -113,7 +113,7 @@ def _numbered(function: Callable[[Item], Any], item: tuple[int, Item]) -> Any:
 
 
 def _attempt(function: Callable[[Item], Any], item: Item) -> _Found[Item]:
-    """What became of the task, or an error that says nothing of the item."""
+    """What became of the task, or an error that is not about the item."""
     try:
         return Outcome(item, function(item))
     except CheckpointError as e:
@@ -124,7 +124,7 @@ def _attempt(function: Callable[[Item], Any], item: Item) -> _Found[Item]:
 
 
 def _outcome(found: _Found[Item]) -> Outcome[Item]:
-    """The outcome; raises an error that says nothing of the item."""
+    """The outcome; an error that is not about the item is raised."""
     if isinstance(found, Outcome):
         return found
     raise found
@@ -132,7 +132,7 @@ def _outcome(found: _Found[Item]) -> Outcome[Item]:
 
 @dataclass(frozen=True)
 class _Lost(Generic[Item]):
-    """A task whose process died, or that did not get to it or back."""
+    """A task whose process died, or that could not be sent to its process or back."""
 
     item: Item
     how: str
@@ -141,7 +141,7 @@ class _Lost(Generic[Item]):
 def _side_by_side(
     pool: "_Processes | _Ray", function: Callable[[Item], Any], waiting: deque[Item]
 ) -> Generator[Outcome[Item], None, list[_Lost[Item]]]:
-    """Yields outcomes and returns what was lost. Ends when a process dies, while items may still be waiting."""
+    """Yield outcomes, and return the lost tasks. This ends when a process dies, even while items are still waiting."""
     from loky.process_executor import BrokenProcessPool
 
     lost: list[_Lost[Item]] = []

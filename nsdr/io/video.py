@@ -46,7 +46,7 @@ class Layout:
 
     Attributes:
         box_xyxy_px: left, top, right and bottom of the part that is used; None for all.
-        stretched: the part is scaled to 480x320 whatever its sides are; else its shape is kept and the rest filled.
+        stretched: whether the part is scaled to 480x320 whatever its shape; otherwise its shape is kept and the rest is filled.
     """
 
     box_xyxy_px: tuple[int, int, int, int] | None = None
@@ -71,11 +71,11 @@ def read_video(path: str | Path, fps: float = 0.0) -> NDArray[np.uint8]:
 
     Another image size is scaled to fit, the rest filled with the mean colour, so that shapes keep their aspect;
     another frame rate is resampled: of a fast video the nearest frame in time is taken, the frames of a slow one are repeated
-    (the same array). Both give Python warnings, and so does a video of another length than CLEVRER's 128 frames.
+    (the same array). Both give Python warnings, as does a video that does not have CLEVRER's 128 frames.
 
     Args:
         path: a video file, an animated image, or a folder of PNG or JPEG files whose names end with the frame's number.
-        fps: frames a second in place of what the file says; 0 for that, and for 25 where it says nothing, with a warning.
+        fps: frames per second; 0 for what the file states, or 25, with a warning, if it states nothing.
 
     Raises:
         VideoError: no such file, not a video, no frames, or more or larger ones than `nsdr.io.limits` allows.
@@ -99,8 +99,8 @@ def read_frames(
     Args:
         path, fps: see `read_video`.
         layout: which part of the frames to use; None for all.
-        late: gets, for each frame, how much later it was taken than at 25 a second (frames).
-        note: gets what is unusual about the video, until the last frame was read; None gives Python warnings.
+        late: a list to which is appended, for each frame, how much later it was taken than at 25 per second (frames).
+        note: called with what is unusual about the video, until the last frame has been read; None gives Python warnings.
     """
     path = Path(path)
     layout, note = layout or Layout(), note or as_warnings(path)
@@ -146,7 +146,7 @@ def window_frames(path: Path, start: int, stop: int) -> Sequence[NDArray[np.uint
     """Frames `start` to `stop - 1` of a video at 25 frames a second, (height, width, 3) uint8 RGB, at most 480x320.
 
     A video file of that rate is decoded from the last keyframe before them, any other video from its beginning. There are fewer
-    frames where the video ends before `stop`. Warns of nothing.
+    frames where the video ends before `stop`. There are no warnings.
 
     Raises:
         VideoError: see `read_video`.
@@ -157,7 +157,7 @@ def window_frames(path: Path, start: int, stop: int) -> Sequence[NDArray[np.uint
 
 
 def video_seconds(path: str | Path, fps: float = 0.0) -> float:
-    """How long a video lasts by its header (seconds); 0 where that does not say. Decodes no video file.
+    """How long a video lasts according to its header (seconds); 0 if the header does not say. No frame is decoded.
 
     Raises:
         VideoError: see `read_video`.
@@ -167,7 +167,7 @@ def video_seconds(path: str | Path, fps: float = 0.0) -> float:
 
 
 def frame_rate(path: str | Path) -> float:
-    """A video's frames per second by its header.
+    """A video's frames per second according to its header.
 
     Raises:
         VideoError: see `read_video`.

@@ -272,7 +272,7 @@ def _average(model: nn.Module, decay: float) -> AveragedModel:
 
 
 def _accelerator(config: LoopConfig) -> Accelerator:
-    """Moves models to the device, casts and synchronises gradients."""
+    """The accelerator, which moves models to the device, casts, and synchronises gradients."""
     several = int(os.environ.get("WORLD_SIZE", "1")) > 1
     if several:
         if config.device not in ("auto", "cpu"):
@@ -341,7 +341,7 @@ def train_part(
 
 
 def held_out(indices: NDArray[np.integer[Any]], every: int, where: str) -> NDArray[np.bool_]:
-    """Which of the scenes (N,) are for evaluation: those whose index is divisible by `every`, and the others are trained on.
+    """Which of the scenes (N,) are held out for evaluation: those whose index is divisible by `every`.
 
     Raises:
         DataError: there are none of either; names `where` they are from.

@@ -36,7 +36,7 @@ SAMPLES_OF_KIND = {"descriptive": 1, "multiple_choice": 1, "choice": 4}
 MAX_EXAMPLE_SEED = 2**62
 """Upper bound of an example's seed."""
 ANOTHER_KIND_SHARE = 0.5
-"""Share of the texts of another kind among those that are no texts of a kind (0-1)."""
+"""Among the texts that the network must reject, the share that are texts of another kind (0-1)."""
 
 
 @dataclass(frozen=True)

@@ -44,14 +44,14 @@ def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
 
 
 def resolved(config: Any) -> dict[str, Any]:
-    """What a training is told, as plain values: not where it writes (which may move), nor on which device it runs."""
+    """The settings of a training as plain values, without where it writes, which may change, and the device it runs on."""
     values = {name: value for name, value in asdict(config).items() if name not in ("run_dir", "output")}
     values["loop"].pop("device")
     return values
 
 
 def described(config: Any) -> dict[str, Any]:
-    """The configuration for readers of a checkpoint: of every path only the last part, which says nothing of the machine."""
+    """The configuration for readers of a checkpoint. Of every path, only the last part is kept, so that nothing names the machine."""
     return {k: Path(v).name if isinstance(v, str) and "/" in v else v for k, v in resolved(config).items()}
 
 
@@ -80,7 +80,7 @@ class TrainingState:
         }
 
     def load(self, tensors: Mapping[str, Tensor]) -> None:
-        """Take over what `tensors` gave."""
+        """Restore the state from what `tensors` returned."""
 
         def part(name: str) -> dict[str, Tensor]:
             return {k.removeprefix(f"{name}/"): v for k, v in tensors.items() if k.startswith(f"{name}/")}
@@ -152,7 +152,7 @@ class RunFolder:
         self._delete_all_but([p for p in _checkpoints(self.path) if p <= path])
 
     def _delete_all_but(self, checkpoints: Sequence[Path]) -> None:
-        """Delete the checkpoints but for the first ones of these, and what kills left of others."""
+        """Delete all checkpoints but the first ones of these, and what killed processes left of others."""
         kept = {path.stem for path in checkpoints[:KEPT_CHECKPOINTS]}
         for old in sorted(self.path.glob("step_*.*")):  # the JSON file first
             if old.stem not in kept:
@@ -226,7 +226,7 @@ class RunFolder:
             self._events = SummaryWriter(self.path, purge_step=start + 1)
 
     def metrics(self, step: int) -> dict[str, float | None] | None:
-        """The metrics that `metrics.jsonl` has for a step, None for those that are not finite; None where it has no line."""
+        """The metrics that `metrics.jsonl` has for a step (None for those that are not finite); None if it has no line for the step."""
         for line in self._lines():
             if line["step"] == step:
                 return {k: v for k, v in line.items() if k not in LOSSES and not k.startswith("loss/")}
@@ -237,7 +237,7 @@ class RunFolder:
         return max((float(line.get("cpu_seconds", 0)) for line in self._lines()), default=0.0)
 
     def _lines(self) -> Iterator[dict[str, Any]]:
-        """The lines of `metrics.jsonl`; one that a kill left unfinished is passed over."""
+        """The lines of `metrics.jsonl`; one that a killed process left unfinished is skipped."""
         for line in self._metrics.read_text(errors="replace").splitlines() if self._metrics.exists() else ():
             try:
                 yield json.loads(line)
