@@ -25,10 +25,9 @@ SUFFIXES = (".mp4", ".gif", ".webp")
 RATE_TOLERANCE = 0.1
 """Frame rates that differ by less from CLEVRER's are taken as the same (frames per second)."""
 UNEVEN = 1.0
-"""How much earlier or later than at an even rate a frame must be shown for the frame rate to count as variable (frames of CLEVRER)."""
+"""The frame rate is variable if a frame is shown so much earlier or later than at an even rate (frames of CLEVRER)."""
 UNEVEN_SHARE = 0.1
-"""How far the duration of an animated image's frame must be from a multiple of the usual one for the frame rate to count as
-variable (share of the usual duration)."""
+"""It is also variable if the duration of an animated image's frame is so far from a multiple of the usual one (share of it)."""
 TimedFrames = Iterator[tuple[float, NDArray[np.uint8]]]
 """Frames (height, width, 3) uint8 RGB, and when each is shown after the first one (frames of CLEVRER)."""
 HEAD_BYTES = 4096
@@ -79,7 +78,7 @@ class OpenedVideo:
 
 @contextmanager
 def opened(path: Path, fps: float, note: Note) -> Iterator[OpenedVideo]:
-    """Open a video. `fps` replaces the frame rate that the file states, unless it is 0; an uncertain or uneven rate is noted."""
+    """Open a video. `fps` replaces the stated frame rate, unless it is 0; an uncertain or uneven rate is noted."""
     check_is_video(path)
     images = open_images(path)
     if images is None:

@@ -43,7 +43,7 @@ class Images:
         path: the animated image, or the folder.
         files: the files of a folder, one for each frame; or the animated image alone.
         n_frames: number of frames.
-        seconds: when each frame of an animated image is shown, followed by the end of the last one; empty if the file does not say.
+        seconds: when each frame of an animated image is shown, followed by the end of the last one; empty if unknown.
     """
 
     path: Path

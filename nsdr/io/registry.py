@@ -14,7 +14,7 @@ GROUPS = ("nsdr.dynamics", "nsdr.scene_sources", "nsdr.exporters")
 
 
 def checked_result(value: Any, kind: type[T], part: object, method: str) -> T:
-    """Check what a method of a part, which may be from another package, returned; raise `DataError` if it is of another kind."""
+    """What a part's method returned, which may be another package's. Another kind of value raises `DataError`."""
     if not isinstance(value, kind):
         found = type(value).__name__
         raise DataError(f"{type(part).__name__}.{method} returned a {found}; expected an nsdr.{kind.__name__}")

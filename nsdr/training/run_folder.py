@@ -51,7 +51,7 @@ def resolved(config: Any) -> dict[str, Any]:
 
 
 def described(config: Any) -> dict[str, Any]:
-    """The configuration for readers of a checkpoint. Of every path, only the last part is kept, so that nothing names the machine."""
+    """The configuration for readers of a checkpoint. Only the last part of each path is kept, which says nothing of the machine."""
     return {k: Path(v).name if isinstance(v, str) and "/" in v else v for k, v in resolved(config).items()}
 
 
@@ -226,7 +226,7 @@ class RunFolder:
             self._events = SummaryWriter(self.path, purge_step=start + 1)
 
     def metrics(self, step: int) -> dict[str, float | None] | None:
-        """The metrics that `metrics.jsonl` has for a step (None for those that are not finite); None if it has no line for the step."""
+        """The metrics of a step in `metrics.jsonl`, None for those that are not finite; None if the step has no line."""
         for line in self._lines():
             if line["step"] == step:
                 return {k: v for k, v in line.items() if k not in LOSSES and not k.startswith("loss/")}
