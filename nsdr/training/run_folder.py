@@ -51,7 +51,7 @@ def resolved(config: Any) -> dict[str, Any]:
 
 
 def described(config: Any) -> dict[str, Any]:
-    """The configuration for readers of a checkpoint. Only the last part of each path is kept, which says nothing of the machine."""
+    """The configuration for readers of a checkpoint. Paths are cut to their last part, which says nothing of the machine."""
     return {k: Path(v).name if isinstance(v, str) and "/" in v else v for k, v in resolved(config).items()}
 
 
