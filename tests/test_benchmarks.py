@@ -12,6 +12,7 @@ SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py") if "__main__" in path
 
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_each_benchmark_shows_its_help(name: str, monkeypatch, capsys) -> None:
+    monkeypatch.delitem(sys.modules, f"benchmarks.{name}", raising=False)
     monkeypatch.setattr(sys, "argv", [name, "--help"])
     with pytest.raises(SystemExit, match="0"):
         runpy.run_module(f"benchmarks.{name}", run_name="__main__")
