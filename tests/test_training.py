@@ -4,7 +4,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import ANY
@@ -16,9 +16,10 @@ from safetensors.torch import load_file
 
 from nsdr import DataError, FrameParser, MachineError, QuestionParser, StatePredictor
 from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.device import CPU_CHECK
 from nsdr.training import dynamics, frame_parser, question_parser
-from nsdr.training.loop import LoopConfig, LossTerm, Task, _accelerator, learning_rate_at, train
+from nsdr.training.loop import LoopConfig, LossTerm, Task, _accelerator, learning_rate_at, train, train_part
 from nsdr.training.run_folder import RunFolder, TrainingState
 
 LOOP = ["--loop.batch_size", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
@@ -235,6 +236,28 @@ def test_metrics_without_a_value_are_null(tmp_path) -> None:
 
     assert train(Unmeasured(), LoopConfig(steps=1, device="cpu"), tmp_path, {}) == {"cpu_seconds": ANY, "error": None}
     assert '"error": null' in (tmp_path / "metrics.jsonl").read_text()
+
+
+@dataclass(frozen=True)
+class LineTraining:
+    run_dir: str
+    output: str = ""
+    loop: LoopConfig = LoopConfig(steps=1, device="cpu")
+
+
+def test_a_mean_with_counts_and_without_metrics_is_written(tmp_path) -> None:
+    class Normalised(Line):
+        def __init__(self) -> None:
+            super().__init__()
+            self.model = torch.nn.Sequential(self.model, torch.nn.BatchNorm1d(1))
+
+        def evaluate(self, model):
+            return {"error": float("nan")}
+
+    task = Normalised()
+    save_checkpoint(tmp_path / "initial", "dynamics", task.model.state_dict(), {}, {})
+    output = train_part("dynamics", task, LineTraining(str(tmp_path / "run")), {}, mean_with=str(tmp_path / "initial"))
+    assert json.loads((Path(output) / "dynamics.json").read_text())["metrics"] == {"error": None}
 
 
 def test_two_processes_train_one_model_as_one_process_with_twice_the_batch(tiny_motion, tmp_path) -> None:

@@ -330,8 +330,9 @@ def train_part(
         start_from(task.model, mean_with, part)
         with torch.no_grad():
             for name, value in task.model.state_dict().items():
-                value.lerp_(trained[name], 0.5)
-        metrics = task.evaluate(task.model)
+                if value.is_floating_point():  # others count batches
+                    value.lerp_(trained[name], 0.5)
+        metrics = {name: v if math.isfinite(v) else None for name, v in task.evaluate(task.model).items()}
     processes = PartialState()
     if processes.is_main_process:
         more = {**(details or {}), "metrics": metrics, "training": described(config)}
