@@ -196,7 +196,7 @@ def test_bfloat16_is_refused_on_processors_without_it(monkeypatch) -> None:
     "command",
     [
         ["answer", str(VIDEO), "-q", "How many collisions happen?"],
-        ["parse-question", "Cube how many sphere?"],
+        ["parse-question", "Cube how many sphere?", "--question-parser", "network"],
         ["parse-video", str(VIDEO), "-o", "scene.json"],
         ["parse-videos", str(VIDEO.parent), "-o", "scenes"],
         ["predict-dynamics", "PROPOSALS", "-o", "predictions"],
