@@ -1,4 +1,4 @@
-"""Exports, read back by the libraries that they are for."""
+"""Exports, read back as frameworks read them."""
 
 import dataclasses
 import json
@@ -7,12 +7,10 @@ import re
 import shutil
 import socket
 from collections import Counter
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from msgspec.structs import replace
 
 from nsdr import DataError, Scene, load, verify
@@ -36,10 +34,8 @@ from nsdr.evaluation.responses import score_responses
 from nsdr.evaluation.score import score_answers
 from nsdr.generate import dataset
 from nsdr.generate.dataset import DatasetConfig, Files, generate_dataset
-from nsdr.generate.export import EXPORTERS, Export, ExportConfig, Exporter, export_dataset, scene_records
-from nsdr.generate.export.base import write_json_lines
+from nsdr.generate.export import FORMATS, Sample, reasoner
 from nsdr.generate.export.pairs import _changed
-from nsdr.generate.export.records import COLUMNS, Record, reasoner
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.files import write_json
@@ -48,7 +44,6 @@ from nsdr.rewards import evidence
 from nsdr.symbolic import Executor
 
 PAGE = Path(__file__).parent.parent / "docs" / "export.md"
-FORMATS = ("grpo", "chat", "parquet", "webdataset")
 OPEN = Question(0, "What color is it?", "descriptive", "query_color", ("objects", "unique"), "red")
 CHOICES = (
     Choice(0, "The red cube and the sphere collide", ("a", "b"), "correct", "observational"),
@@ -113,17 +108,24 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-def test_a_record_has_prompt_solution_tags_programs_and_seed() -> None:
-    first, second, third = scene_records(questions_of(10003), "validation", "v.mp4", 42)
-    assert (first.id, second.id, second.scene_index, second.question_id) == ("10003-0", "10003-3", 10003, 3)
-    for record, question in zip((first, second, third), questions_of(0).questions, strict=True):
-        assert (record.prompt, record.solution) == (prompt(question), solution(question))
-        assert (record.split, record.video, record.seed) == ("validation", "v.mp4", 42)
-    assert (first.options, first.letters, first.tags) == ((), (), ())
-    assert (second.letters, second.solution) == (("A", "B", "C"), "<answer>A,C</answer>")
-    assert second.tags == ("observational", "inferential", None)
-    assert (second.program, second.option_programs) == (("e",), (("a", "b"), ("c",), ("d",)))
-    assert third.solution == "<answer>none</answer>"
+def test_rows_have_prompt_solution_tags_programs_and_seed() -> None:
+    first, second, third = (
+        FORMATS["grpo"].row(Sample(q, "validation", 10003, "v.mp4", 42)) for q in questions_of(10003).questions
+    )
+    assert (first["id"], second["id"], second["scene_index"], second["question_id"]) == ("10003-0", "10003-3", 10003, 3)
+    for row, question in zip((first, second, third), questions_of(0).questions, strict=True):
+        assert row["solution"] == solution(question)
+        assert (row["split"], row["video"], row["seed"]) == ("validation", "v.mp4", 42)
+    assert (first["options"], first["letters"], first["tags"]) == ([], [], [])
+    assert (second["letters"], second["solution"]) == (["A", "B", "C"], "<answer>A,C</answer>")
+    assert second["tags"] == ["observational", "inferential", None]
+    assert (second["program"], second["option_programs"]) == (("e",), [("a", "b"), ("c",), ("d",)])
+    assert third["solution"] == "<answer>none</answer>"
+
+
+def test_the_page_has_all_columns() -> None:
+    fields = PAGE.read_text().split("## Fields")[1].split("## Pairs")[0]
+    assert all(f"`{name}`" in fields for form in FORMATS.values() for name in form.columns)
 
 
 def test_grpo_rows_are_conversations_with_columns_for_rewards(root, tmp_path, capsys) -> None:
@@ -183,13 +185,11 @@ def test_true_scenes_go_with_rewards(told, tmp_path, capsys) -> None:
     plain = rows(export(told, tmp_path / "plain", *here) / "train.jsonl")[0]
     assert plain["reasoning"] is None
     assert plain["scene"] is None
-    with pytest.raises(DataError, match="format webdataset holds videos and questions only"):
-        export_dataset(ExportConfig(str(told), str(tmp_path / "tar"), "webdataset", scenes=True))
 
 
 def test_true_scenes_are_copied_with_videos(root, tmp_path, capsys) -> None:
     export(root, tmp_path / "missing", "--format", "grpo", "--scenes", status=2)
-    assert "truth_00000.json, and no annotation_00000.json beside it: no such file" in capsys.readouterr().err
+    assert re.search("truth_00000.json.*annotation_00000.json.*without --reasoning", capsys.readouterr().err)
     assert not (tmp_path / "missing").exists()
     for split, indices in CONFIG.indices().items():
         for index in indices:
@@ -345,7 +345,7 @@ def test_pairs_leave_out_questions_without_another_answer(small_scene) -> None:
     assert changed("counterfactual", "unseen_events belong_to", "", (cube, blue), (green, sphere)) is None
 
 
-@pytest.mark.parametrize("name", ["grpo", "chat"])
+@pytest.mark.parametrize("name", FORMATS)
 def test_datasets_reads_json_lines_without_filling_in_keys(name, root, tmp_path, offline) -> None:
     from datasets import load_dataset
 
@@ -356,67 +356,6 @@ def test_datasets_reads_json_lines_without_filling_in_keys(name, root, tmp_path,
         assert list(loaded[split]) == rows(Path(path))
 
 
-def test_datasets_reads_the_parquet_folder(root, tmp_path, offline) -> None:
-    from datasets import Video, load_dataset
-
-    out = export(root, tmp_path / "out", "--format", "parquet")
-    loaded = load_dataset(str(out), cache_dir=str(tmp_path / "cache"))
-    assert {name: len(split) for name, split in loaded.items()} == {"train": 9, "validation": 3}
-    seed = CONFIG.scene_seed(0)
-    records = scene_records(questions_of(0), "train", loaded["train"][0]["video"], seed)
-    expected = [json.loads(json.dumps(record.row())) for record in records]
-    assert list(loaded["train"])[:3] == expected
-    paths = (
-        loaded["train"].map(lambda row: {"video": str(out / row["video"])}).cast_column("video", Video(decode=False))
-    )
-    assert Path(paths[3]["video"]["path"]).read_bytes() == video_of(1)
-
-
-def test_the_card_has_splits_and_columns(root, tmp_path) -> None:
-    out = export(root, tmp_path / "out", "--format", "parquet")
-    _, metadata, text = (out / "README.md").read_text().split("---\n", 2)
-    assert yaml.safe_load(metadata)["language"] == ["en"]
-    assert "| train | 3 | 9 | 0 |" in text
-    assert [f.name for f in fields(Record)] == list(COLUMNS)
-    assert all(f"\n| `{name}` | " in text for name in COLUMNS)
-    assert all(f"`{name}`" in PAGE.read_text().split("## Fields")[1].split("## GRPO")[0] for name in COLUMNS)
-
-
-def test_parquet_files_have_a_limited_size(root, tmp_path, monkeypatch, offline) -> None:
-    from datasets import load_dataset
-
-    monkeypatch.setattr("nsdr.generate.export.parquet.QUESTIONS_PER_FILE", 4)
-    out = export(root, tmp_path / "out", "--format", "parquet", "--split", "train")
-    assert sorted(p.name for p in (out / "data").iterdir()) == [f"train-0000{n}-of-00003.parquet" for n in range(3)]
-    assert len(load_dataset(str(out), cache_dir=str(tmp_path / "cache"))["train"]) == 9
-
-
-@pytest.mark.filterwarnings(
-    "ignore::pytest.PytestUnraisableExceptionWarning"
-)  # it leaves the closing of files to Python
-def test_webdataset_reads_the_shards(root, tmp_path, offline) -> None:
-    import webdataset
-
-    out = export(root, tmp_path / "out", "--format", "webdataset")
-    shard = str(out / "train-000000.tar")
-    samples = list(webdataset.WebDataset(shard, shardshuffle=False, empty_check=False))
-    assert [sample["__key__"] for sample in samples] == ["video_00000", "video_00001", "video_00002"]
-    assert samples[1]["mp4"] == video_of(1)
-    document = json.loads(samples[1]["json"])
-    assert (document["scene_index"], document["split"], document["seed"]) == (1, "train", CONFIG.scene_seed(1))
-    assert [row["solution"] for row in document["questions"]] == [solution(q) for q in questions_of(1).questions]
-    assert document["questions"][0]["video"] == "video_00001.mp4"
-
-
-def test_shards_stay_below_their_size(root, tmp_path) -> None:
-    for index in range(3):
-        Files(root, "train", index).video.write_bytes(bytes(450_000))
-    out = export(root, tmp_path / "out", "--format", "webdataset", "--split", "train", "--shard-mb", "1")
-    sizes = {path.name: path.stat().st_size for path in out.glob("*.tar")}
-    assert sorted(sizes) == ["train-000000.tar", "train-000001.tar"]
-    assert max(sizes.values()) <= 1_000_000
-
-
 @pytest.mark.parametrize("name", FORMATS)
 def test_exports_are_the_same_bytes_twice(name, root, tmp_path) -> None:
     first = export(root, tmp_path / "first", "--format", name)
@@ -424,30 +363,30 @@ def test_exports_are_the_same_bytes_twice(name, root, tmp_path) -> None:
     assert content(export(root, tmp_path / "second", "--format", name)) == content(first)
 
 
-@pytest.mark.parametrize(("name", "last"), [("grpo", "validation.jsonl"), ("webdataset", "validation-000000.tar")])
-def test_an_interrupted_export_goes_on(name, last, root, tmp_path, monkeypatch) -> None:
-    complete = content(export(root, tmp_path / "complete", "--format", name))
-    out, read = tmp_path / "out", Export.scenes
+def test_an_interrupted_export_goes_on(root, tmp_path, monkeypatch) -> None:
+    complete = content(export(root, tmp_path / "complete", "--format", "grpo"))
+    out, copy = tmp_path / "out", shutil.copyfile
 
-    def fail_later(self: Export, split: str) -> object:
-        if split == "validation":
+    def fail_later(source: Path, target: Path) -> object:
+        if "validation" in str(source):
             raise DataError("stopped")
-        return read(self, split)
+        return copy(source, target)
 
-    monkeypatch.setattr(Export, "scenes", fail_later)
-    export(root, out, "--format", name, status=2)
-    assert not (out / last).exists()
+    monkeypatch.setattr("shutil.copyfile", fail_later)
+    export(root, out, "--format", "grpo", status=2)
+    assert not (out / "validation.jsonl").exists()
     finished = {path: path.stat().st_mtime_ns for path in out.glob("train*")}
-    monkeypatch.setattr(Export, "scenes", read)
-    export(root, out, "--format", name)
+    monkeypatch.setattr("shutil.copyfile", copy)
+    export(root, out, "--format", "grpo")
     assert content(out) == complete
     assert {path: path.stat().st_mtime_ns for path in out.glob("train*")} == finished
 
 
-def test_a_finished_export_is_left_as_it_is(root, tmp_path, monkeypatch) -> None:
+def test_a_finished_export_is_left_as_it_is(root, tmp_path) -> None:
     out = export(root, tmp_path / "out", "--format", "grpo")
-    monkeypatch.setattr(Export, "scenes", None)
+    (out / "train.jsonl").unlink()
     export(root, out, "--format", "grpo")
+    assert not (out / "train.jsonl").exists()
 
 
 def test_other_settings_other_data_and_other_files_are_refused(root, tmp_path, capsys) -> None:
@@ -483,8 +422,6 @@ def test_videos_are_left_out(root, tmp_path, capsys) -> None:
     assert not (out / "videos").exists()
     names = dict.fromkeys(row["video"] for row in rows(out / "train.jsonl"))
     assert list(names) == ["video_train/video_00000.mp4", "videos/train/video_00000-01000/video_00001.mp4"]
-    export(root, tmp_path / "shards", "--format", "webdataset", "--videos", "none", status=2)
-    assert "format webdataset holds videos and questions only; leave out --videos none" in capsys.readouterr().err
 
 
 def test_the_official_layout_has_no_seeds(root, tmp_path) -> None:
@@ -496,7 +433,7 @@ def test_the_official_layout_has_no_seeds(root, tmp_path) -> None:
 def test_what_is_missing_is_refused_before_the_work(root, tmp_path, capsys) -> None:
     for option in (["--reasoning", "short"], ["--scenes"]):
         export(root, tmp_path / "out", "--format", "grpo", *option, status=2)
-        assert "truth_00000.json, and no annotation_00000.json beside it" in capsys.readouterr().err
+        assert re.search("truth_00000.json.*annotation_00000.json.*without --reasoning", capsys.readouterr().err)
     document = json.loads((root / "questions" / "train.json").read_text())
     question = next(q for q in document[0]["questions"] if q.get("choices"))
     question["choices"] = [{**question["choices"][0], "choice_id": i} for i in range(30)]
@@ -506,9 +443,9 @@ def test_what_is_missing_is_refused_before_the_work(root, tmp_path, capsys) -> N
     assert not (tmp_path / "out" / "export.json").exists()
 
 
-def test_bad_requests_are_named(root, tmp_path, capsys, monkeypatch) -> None:
+def test_bad_requests_are_named(root, tmp_path, capsys) -> None:
     export(root, tmp_path / "out", "--format", "zebra", status=2)
-    assert "export format 'zebra': expected one of grpo, chat, pairs, parquet, webdataset" in capsys.readouterr().err
+    assert "format: expected one of grpo, chat, pairs, got 'zebra'" in capsys.readouterr().err
     export(root, tmp_path / "out", "--format", "grpo", "--questions", "q.json", status=2)
     assert "a question file is of one split; name it (--split)" in capsys.readouterr().err
     questions = str(root / "questions" / "train.json")
@@ -517,37 +454,18 @@ def test_bad_requests_are_named(root, tmp_path, capsys, monkeypatch) -> None:
     (root / "questions" / "train.json").unlink()
     export(root, tmp_path / "out", "--format", "grpo", "--split", "train", status=2)
     assert "has no questions/train.json; leave out --split train" in capsys.readouterr().err
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    export(root, tmp_path / "out", "--format", "parquet", status=2)
-    assert "format parquet needs datasets: pip install 'nsdr[datasets]'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.filterwarnings(
-    "ignore::pytest.PytestUnraisableExceptionWarning"
-)  # webdataset leaves the closing of files to Python
 def test_the_examples_of_the_docs_run(root, tmp_path, offline, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for name in FORMATS:
-        export(root, tmp_path / {"parquet": "hub", "webdataset": "shards"}.get(name, name), "--format", name)
+        export(root, tmp_path / name, "--format", name)
     monkeypatch.setattr("datasets.config.HF_DATASETS_CACHE", tmp_path / "cache")
     capsys.readouterr()
     values: dict = {}
     blocks = re.findall(r"<!-- example -->\n```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    assert len(blocks) == 5
+    assert len(blocks) == 3
     for code in blocks:
         exec(code, values)
-        if "videos" in values:
-            assert Path(values.pop("videos")[0]["video"]["path"]).read_bytes() == video_of(0)
     assert values["assistant"]["content"][0]["text"] == "<answer>red</answer>"
-    assert capsys.readouterr().out.endswith(f"2 {len(video_of(2))} 3\n")
-
-
-def test_another_package_adds_a_format(root, tmp_path, monkeypatch) -> None:
-    def write(export: Export) -> None:
-        write_json_lines(export, lambda record: {"question": record.question})
-
-    monkeypatch.setattr(EXPORTERS, "_parts", {**EXPORTERS._parts, "texts": Exporter(write)})
-    summaries = export_dataset(ExportConfig(str(root), str(tmp_path / "out"), "texts", ("validation",)))
-    assert summaries["validation"].questions == 3
-    assert rows(tmp_path / "out" / "validation.jsonl")[0] == {"question": OPEN.text}

@@ -10,7 +10,7 @@ import pytest
 from nsdr import DataError, Scene, save
 from nsdr.clevrer import read_questions, solution
 from nsdr.clevrer.example import QUESTIONS, TRUTH
-from nsdr.generate.export.records import reasoner
+from nsdr.generate.export import reasoner
 from nsdr.rewards import answer_format, evidence, exact, per_option, read_scene
 
 OPTIONS = ["the cube exits", "the sphere enters", "the cylinder enters"]

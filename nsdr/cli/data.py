@@ -89,9 +89,17 @@ def data_motion(options: Any) -> int:
 
 
 def export_options(parser: Any) -> None:
+    from nsdr.generate.export.formats import FORMATS
+    from nsdr.generate.export.writing import PAIRS
+
     add = parser.add_argument
     add("root", help="the data set's folder: generated, or in the official layout")
-    add("--format", required=True, help="grpo, chat, pairs, parquet, webdataset, or an installed one")
+    purposes = [f"{name} ({form.purpose})" for name, form in FORMATS.items()]
+    add(
+        "--format",
+        required=True,
+        help="; ".join([*purposes, f"{PAIRS} (a data set with each question about two videos)"]),
+    )
     add("-o", "--output", required=True, help="folder to write")
     add(
         "--split",
@@ -103,7 +111,6 @@ def export_options(parser: Any) -> None:
     add("--questions", default="", help="question file of the one --split, in place of the data set's")
     add("--videos", default="copy", help="copy, or none (paths only)")
     add("--limit", type=NonNegativeInt, default=0, help="first n videos of each split; 0 for all")
-    add("--shard-mb", type=PositiveInt, default=1000, help="webdataset: largest size of a shard (MB)")
     add(
         "--reasoning",
         default="",

@@ -40,7 +40,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "data download": ("data", "fetch CLEVRER's official files; resumable"),
     "data frames": ("data", "make training frames of videos and their mask proposals; resumable"),
     "data motion": ("data", "make training motion of a data set's proposals and annotations; resumable"),
-    "export": ("data", "write a data set as prompts, chats, a Hugging Face data set or WebDataset shards; resumable"),
+    "export": ("data", "write a data set as prompts or conversations for training other models; resumable"),
     "mcp": ("serve", "tools for agents (Model Context Protocol) on a folder's videos"),
     "serve": ("serve", "a page to ask and to intervene on"),
     "generate": ("generate", "dataset|violations|scene|questions [--config FILE.yaml] -o OUTPUT [--field value]"),

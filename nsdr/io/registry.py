@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar, cast
 from nsdr.errors import DataError
 
 T = TypeVar("T")
-GROUPS = ("nsdr.dynamics", "nsdr.scene_sources", "nsdr.exporters")
+GROUPS = ("nsdr.dynamics", "nsdr.scene_sources")
 """All groups of entry points."""
 
 

@@ -1,9 +1,2 @@
-from .base import (
-    EXPORTERS as EXPORTERS,
-    Export as Export,
-    ExportConfig as ExportConfig,
-    Exporter as Exporter,
-    SplitSummary as SplitSummary,
-    export_dataset as export_dataset,
-)
-from .records import Record as Record, reasoner as reasoner, scene_records as scene_records
+from .formats import FORMATS as FORMATS, Format as Format, Sample as Sample, reasoner as reasoner
+from .writing import ExportConfig as ExportConfig, SplitSummary as SplitSummary, export_dataset as export_dataset

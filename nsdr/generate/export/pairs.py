@@ -5,7 +5,8 @@ system that does not look answers both alike, so it never has both right. Or the
 other light and with noise, and the answer is the same.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import count, takewhile
 from pathlib import Path
@@ -16,14 +17,13 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from nsdr.clevrer.answers.prompts import solution
-from nsdr.clevrer.dataset import SPLITS, Split
+from nsdr.clevrer.dataset import CLEVRER, SPLITS, Split
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError, NsdrError
 from nsdr.generate.dataset import Files
-from nsdr.generate.export.base import Export, Exporter, SplitSummary, copy_once, is_unanswered
-from nsdr.io.files import write_json
+from nsdr.io.files import atomic_path, write_json
 from nsdr.io.video import even_frames, write_video
 from nsdr.symbolic import Executor
 from nsdr.world.vocabulary import DIRECTIONS
@@ -51,44 +51,65 @@ SAME: dict[str, Callable[[NDArray[np.uint8], int], Frames]] = {"mirrored": _mirr
 """What makes the second videos in which the same happens, from the first one's frames and a seed."""
 
 
-def _write(export: Export) -> None:
-    splits = {name: (indices.start, indices.start) for name, indices in SPLITS.items()}
-    for split in export.splits:
-        start, rows = SPLITS[split].start, _rows(export, split)
-        write_questions(export.folder / "questions" / f"{split}.json", rows)
-        splits[split] = start, start + len(rows)
-        asked = [q for row in rows for q in row.questions]
-        export.splits[split] = SplitSummary(len(rows), len(asked), sum(map(is_unanswered, asked)))
-    if export.data.manifest is not None:
-        n_frames = export.data.manifest["n_frames"]
-        manifest = {"splits": splits, "kinds": ["videos", "questions"], "n_frames": n_frames}
-        write_json(export.folder / "manifest.json", manifest, indent=1)
+def write_pairs(
+    data: CLEVRER, questions: Mapping[str, Sequence[SceneQuestions]], folder: Path
+) -> dict[str, list[SceneQuestions]]:
+    """Write a data set of pairs, whose `Question.pair` names the question that is to be compared.
+
+    Args:
+        data: the data set.
+        questions: its questions by split, of videos that are all there.
+        folder: the folder to write; videos that are there are kept.
+
+    Returns:
+        The questions of the pairs by split.
+
+    Raises:
+        DataError: the release's split has fewer indices than there are videos.
+    """
+    written = {split: _write_split(data.split(split), scenes, folder) for split, scenes in questions.items()}
+    if data.manifest is not None:
+        counts = {split: len(written.get(split, ())) for split in SPLITS}
+        splits = {split: (indices.start, indices.start + counts[split]) for split, indices in SPLITS.items()}
+        manifest = {"splits": splits, "kinds": ["videos", "questions"], "n_frames": data.manifest["n_frames"]}
+        write_json(folder / "manifest.json", manifest, indent=1)
+    return written
 
 
-def _rows(export: Export, split: str) -> list[SceneQuestions]:
-    """Write a split's videos, and return the questions about them; the indices are the first ones of the release's."""
-    source, indices = export.data.split(split), SPLITS[split]
-    n = sum(1 + len(_worlds(source, scene)) + len(SAME) for scene in export.questions(split))
+def _write_split(source: Split, scenes: Sequence[SceneQuestions], folder: Path) -> list[SceneQuestions]:
+    """Write a split's videos and the questions about them; the videos get the first indices of the release's split."""
+    indices = SPLITS[source.name]
+    n = sum(1 + len(_worlds(source, scene)) + len(SAME) for scene in scenes)
     if n > len(indices):
-        raise DataError(f"pairs of {split} need up to {n} videos; there are indices for {len(indices)}: use --limit")
-    rows: list[SceneQuestions] = []
-    for scene in tqdm(export.questions(split), total=export.splits[split].videos, unit="video", desc=split):
-        first = indices[len(rows)]
+        raise DataError(
+            f"pairs of {source.name} need up to {n} videos; there are indices for {len(indices)}: use --limit"
+        )
+    written: list[SceneQuestions] = []
+    for scene in tqdm(scenes, unit="video", desc=source.name):
+        first = indices[len(written)]
         for kind, video, questions in _videos(source, scene):
-            index = indices[len(rows)]
-            target = Files(export.folder, split, index).video
+            index = indices[len(written)]
+            target = Files(folder, source.name, index).video
             if kind not in SAME:
                 copy_once(video, target)
             elif not target.exists():
                 write_video(target, SAME[kind](even_frames(video), index), preset=PRESET)
             if kind:
                 questions = [replace(q, pair=f"{first}-{q.id}", pair_kind=kind) for q in questions]
-            rows.append(SceneQuestions(index, target.name, tuple(questions)))
-    return rows
+            written.append(SceneQuestions(index, target.name, tuple(questions)))
+    write_questions(folder / "questions" / f"{source.name}.json", written)
+    return written
+
+
+def copy_once(source: Path, target: Path) -> None:
+    """Copy a file, atomically, unless the target is there."""
+    if not target.exists():
+        with atomic_path(target) as temporary:
+            shutil.copyfile(source, temporary)
 
 
 def _videos(source: Split, scene: SceneQuestions) -> Iterator[tuple[str, Path, Sequence[Question]]]:
-    """A scene's video, and those that are compared with it: (kind of pair, or "" of the first; what is shown; questions)."""
+    """Yield a scene's video and those that are compared with it: kind of pair ("" of the first), file, and questions."""
     video = source.video(scene.scene_index)
     yield "", video, scene.questions
     for world in _worlds(source, scene):
@@ -106,10 +127,10 @@ def _worlds(source: Split, scene: SceneQuestions) -> list[Files]:
 
 
 def _changed(question: Question, executor: Executor) -> Question | None:
-    """The question with the answers in another world, if it has some there that differ.
+    """The question with its answers in another world; None if they do not differ, or if it has none there.
 
-    None of a counterfactual question, which is about a second removal, and of a predictive one of whose options not exactly
-    one is right there, as in CLEVRER.
+    A counterfactual question has none: it would be about a second removal. A predictive question has some only if exactly one
+    option is right there, as in CLEVRER.
     """
     if question.type == "counterfactual" or question.program is None:
         return None
@@ -125,7 +146,3 @@ def _changed(question: Question, executor: Executor) -> Question | None:
             other = replace(question, choices=tuple(replace(c, answer=a) for c, a in judged))
         return other if solution(other) != solution(question) else None
     return None
-
-
-PAIRS = Exporter(_write, refuses=("--scenes", "--videos none", "--reasoning"))
-"""A data set in CLEVRER's layout of videos and questions, whose `Question.pair` names the question that is to be compared."""
