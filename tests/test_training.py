@@ -242,7 +242,7 @@ def test_metrics_without_a_value_are_null(tmp_path) -> None:
 class LineTraining:
     run_dir: str
     output: str = ""
-    loop: LoopConfig = LoopConfig(steps=1, device="cpu")
+    loop: LoopConfig = field(default_factory=lambda: LoopConfig(steps=1, device="cpu"))
 
 
 def test_a_mean_with_counts_and_without_metrics_is_written(tmp_path) -> None:
