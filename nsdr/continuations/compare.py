@@ -194,13 +194,15 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
     """Write the sums of every row for one video to `output`."""
     document, cut = read_truth_file(video.truth), settings.given_frames
     if "violation" in document:
-        raise DataError(f"{video.truth}: breaks a law, so what follows is not known")
+        raise DataError(f"{video.truth}: breaks a law, so its true future is not known")
     if any("mass" not in o for o in document["objects"]):
         raise DataError(f"{video.truth}: has no masses, which Bullet needs")
     rate = settings.pipeline.video.fps or frame_rate(video.generated)
     if abs(rate - FPS) > RATE_TOLERANCE:
-        remedy = f"write it at {FPS}; if it has a frame for each of the truth's, --set video.fps={FPS} reads it so"
-        raise VideoError(f"{video.generated}: {rate:g} frames per second; expected {FPS}, as the truth has; {remedy}")
+        remedy = f"write it at {FPS}, or give --set video.fps={FPS} if its frames are those of the truth, one by one"
+        raise VideoError(
+            f"{video.generated}: {rate:g} frames per second; expected {FPS}, the rate of the truth; {remedy}"
+        )
     pipeline = worker_pipeline(settings.checkpoint, settings.pipeline, settings.device)
     view = view_of(settings.render, document["seed"])
     pipeline.camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)

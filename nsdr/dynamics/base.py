@@ -104,6 +104,7 @@ class Explanation(ABC):
         return DynamicsPrediction(self.objects, self.n_frames, self.observed, removals, self.physics)
 
     def _length(self, frames: int | None = None) -> int:
+        """Number of frames of a rollout: at least that of the video; None for a rollout to the horizon."""
         return max(horizon_frame(self.n_frames) + 1 if frames is None else frames, self.n_frames)
 
 
@@ -153,6 +154,7 @@ class StoredExplanation(Explanation):
         return rollout
 
     def _length(self, frames: int | None = None) -> int:
+        """Number of frames of a rollout; None for the length of the stored ones."""
         return self.observed.visible.shape[1] if frames is None else frames
 
 

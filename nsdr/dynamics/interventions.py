@@ -12,7 +12,7 @@ from nsdr.types.interventions import Intervention
 from nsdr.validation import BoolArray
 
 EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
-"""An object can have only one intervention of each of these sets. `Remove` excludes all others."""
+"""An object can have at most one intervention from each of these sets. `Remove` excludes all others."""
 
 
 def find_object(objects: Sequence[SceneObject], wanted: str | int) -> int:

@@ -80,6 +80,7 @@ def padded(values: NDArray[Any], extra: int, value: float | bool) -> NDArray[Any
 
 
 def _events(rollout: Rollout) -> tuple[Event, ...]:
+    """Entrances, exits and collisions of a rollout in order."""
     return in_order([*enter_exit_events(rollout.visible), *rollout.collisions])
 
 
@@ -90,6 +91,7 @@ def _scene(
     new = {old: i for i, old in enumerate(kept)}
 
     def renumbered(event: Event) -> Event:
+        """The event with the new ids of its objects."""
         return replace(event, objects=tuple(new[i] for i in event.objects))
 
     uncertain, speed, yaw = rollout.uncertain, rollout.speed_world_per_s, rollout.yaw

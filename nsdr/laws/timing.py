@@ -30,8 +30,9 @@ PHASES, FINE_PHASES = (tuple((np.arange(n) + 0.5) / n) for n in (25, 100))
 """Possible times of the first frame of a copy within a frame of its original (frames): for copies of copies, and for direct
 copies."""
 MIN_GAIN_NATS = 10.0
-"""A video is a copy from another rate if this explains the steps better by at least this (nats). Of 22 lawful scenes of `train`
-at 25 frames per second, none gains more than 3; at 24 per second, with one frame in 25 missing, none gains less than 20."""
+"""A video counts as a copy at another rate if this explains the steps better by at least this (nats). Of 22 lawful scenes of
+`train` at 25 frames per second, none gains more than 3; at 24 per second, with one frame in 25 missing, none gains less than
+20."""
 CHAIN_NATS = 5.0
 """A copy of a copy must explain the steps better than a direct copy by at least this (nats)."""
 MIN_STILL_FRAMES = 4.0
@@ -90,7 +91,7 @@ class Timing:
         return replace(tracks, n_frames=self._own_frames, tracks=moved)
 
     def proposals(self, proposals: VideoProposals) -> VideoProposals:
-        """Proposals with slots as frames, each slot once."""
+        """Proposals with slots as frames; those in repeated frames are left out."""
         slot = np.full(self.n_frames, -1)
         slot[self.shown[self._first]] = self.slot[self._first]
         rows = np.flatnonzero(slot[proposals.frame_index] >= 0)
@@ -200,13 +201,13 @@ class _Steps:
     location: FloatArray
 
     def pattern(self, said: FloatArray) -> IntArray | None:
-        """If the video is a copy from another rate, the frame (P,) of the original, from 0 on, that each processed frame shows.
+        """Find the frames of the original that the processed frames show, if the video is a copy at another rate.
 
         Args:
             said: (P,) times of the frames by the frame rate of the video (frames).
 
         Returns:
-            The frames; None if the video is no such copy.
+            (P,) int, frames of the original, counted from the first one; None if the video is not such a copy.
         """
         slots, more_nats = _patterns((said - said[0]).tobytes())
         step, (before, after) = np.diff(self.location, axis=1), self._velocities(said)

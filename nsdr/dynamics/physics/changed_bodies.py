@@ -113,7 +113,7 @@ def _velocity(change: SetVelocity, now: NDArray[Any], name: str) -> NDArray[Any]
         return np.zeros(2)
     if change.direction is None and speed < MOVING_SPEED_WORLD_PER_S:
         raise DataError(
-            f"SetVelocity {name}: it rests ({speed:.3f} world units per second), so it has no direction to keep; "
+            f"SetVelocity {name}: it is at rest ({speed:.3f} world units per second), so it has no direction to keep; "
             "expected vx and vy, or speed and direction"
         )
     if change.factor is not None:

@@ -219,6 +219,7 @@ def _row(video: int, states: MotionStates, block: dict[str, Any]) -> Row:
     pad = MAX_OBJECTS - n
 
     def padded(values: NDArray[Any]) -> NDArray[Any]:
+        """Values (n, ...) padded to `MAX_OBJECTS` rows."""
         return np.pad(values, [(0, pad)] + [(0, 0)] * (values.ndim - 1))
 
     track_of = {o.name: o.id for o in states.objects}

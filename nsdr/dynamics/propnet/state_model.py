@@ -57,6 +57,7 @@ class StateModel(nn.Module):
         past, whole = config.past_steps, 2 * config.side_steps + 1
 
         def network(samples: int, outputs: int) -> PropNet:
+            """A PropNet on windows of this many samples with this many outputs for each object."""
             width = config.hidden
             encoders = mlp(STATIC_FEATURES + 3 * samples, width, width), mlp(4 * samples + 1, width, width)
             return PropNet(*encoders, outputs, 1, width, config.propagation_steps)
