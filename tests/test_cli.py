@@ -257,8 +257,8 @@ def _truth(folder):
         (["nonsense"], "nonsense"),
         (["answer", TRUTH, "-q", "How many collisions happen?", "--dynamics", "state"], "--dynamics would do nothing"),
         (
-            ["answer", TRUTH, "-q", "Who?", "--set", "tracker.score=0.8", "--config", "x.yaml"],
-            "--config, --set tracker.score=0.8 would do",
+            ["answer", TRUTH, "-q", "Who?", "--set", "tracker.score=0.8", "--config", "configs/pipeline/default.yaml"],
+            "--config configs/pipeline/default.yaml, --set tracker.score=0.8 would do",
         ),
         (["visualize", VIDEO, "-o", "x.mp4", "-q", "Who?"], "they need an output ending in .html"),
         (["visualize", VIDEO, "-o", "x.html", "-c", "this"], "--choice does nothing without --question"),
