@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.numba_cache import cached_njit
+from nsdr.dynamics.numba_cache import cached_njit, inlined_njit
 from nsdr.dynamics.physics.body_state import SPIN, STATE_SIZE, YAW, X, Y
 from nsdr.dynamics.physics.contact_geometry import CUBE
 from nsdr.dynamics.physics.cube_edges import cube_edges_px
@@ -124,7 +124,7 @@ def _soft_l1(residual):  # type: ignore[no-untyped-def]
     return ROBUST_SCALE * ROBUST_SCALE * (root - 1), residual / root, 1 / (root * root * root)
 
 
-@cached_njit
+@inlined_njit
 def _add_datum(p, i, frame, state, derivatives, sums, segment):  # type: ignore[no-untyped-def]
     """Add the measurement of body i in a frame to the sums of a run and of a segment.
 
@@ -173,7 +173,7 @@ def _add_datum(p, i, frame, state, derivatives, sums, segment):  # type: ignore[
             )
 
 
-@cached_njit
+@inlined_njit
 def _add_segment(sums, segment, sensitivity):  # type: ignore[no-untyped-def]
     """Add the sums of a segment to those of a run by the chain rule, with `sensitivity` (6, P) = ∂s/∂parameters.
 
