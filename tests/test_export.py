@@ -256,8 +256,8 @@ def test_pairs_differ_where_the_world_does_and_nowhere_else(compared) -> None:
             (world,) = [w for w in (1, 2) if Files(data, "train", original, w).video.read_bytes() == video.read_bytes()]
             for q in scene.questions:
                 choices = [(c.text, c.program) for c in q.choices]
-                judge = executors[world].judge
-                found = judge(q.program, choices) if choices else executors[world].answer(q.program)
+                answer_choices = executors[world].answer_choices
+                found = answer_choices(q.program, choices) if choices else executors[world].answer(q.program)
                 assert [c.answer for c in found.choices] == [c.answer for c in q.choices]
                 assert q.choices or found.answer == q.answer
         elif kind:
@@ -445,7 +445,7 @@ def test_what_is_missing_is_refused_before_the_work(root, tmp_path, capsys) -> N
 
 def test_bad_requests_are_named(root, tmp_path, capsys) -> None:
     export(root, tmp_path / "out", "--format", "zebra", status=2)
-    assert "format: expected one of grpo, chat, pairs, got 'zebra'" in capsys.readouterr().err
+    assert re.search("format.*zebra.*grpo.*chat.*pairs", capsys.readouterr().err)
     export(root, tmp_path / "out", "--format", "grpo", "--questions", "q.json", status=2)
     assert "a question file is of one split; name it (--split)" in capsys.readouterr().err
     questions = str(root / "questions" / "train.json")

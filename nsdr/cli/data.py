@@ -94,12 +94,10 @@ def export_options(parser: Any) -> None:
 
     add = parser.add_argument
     add("root", help="the data set's folder: generated, or in the official layout")
-    purposes = [f"{name} ({form.purpose})" for name, form in FORMATS.items()]
-    add(
-        "--format",
-        required=True,
-        help="; ".join([*purposes, f"{PAIRS} (a data set with each question about two videos)"]),
-    )
+    purposes = {name: form.purpose for name, form in FORMATS.items()}
+    purposes[PAIRS] = "a data set that asks each question about two videos"
+    about = "; ".join(f"{name} ({purpose})" for name, purpose in purposes.items())
+    add("--format", required=True, choices=[*purposes], help=about)
     add("-o", "--output", required=True, help="folder to write")
     add(
         "--split",
@@ -109,7 +107,7 @@ def export_options(parser: Any) -> None:
         help="which splits (default: train and validation, as far as they are there)",
     )
     add("--questions", default="", help="question file of the one --split, in place of the data set's")
-    add("--videos", default="copy", help="copy, or none (paths only)")
+    add("--videos", default="copy", choices=["copy", "none"], help="copy them, or none (paths only)")
     add("--limit", type=NonNegativeInt, default=0, help="first n videos of each split; 0 for all")
     add(
         "--reasoning",
