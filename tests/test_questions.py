@@ -4,7 +4,6 @@ import json
 import math
 import random
 import re
-import warnings
 from collections import Counter
 
 import numpy as np
@@ -253,44 +252,6 @@ def test_test_questions_carry_no_tags(generated) -> None:
     assert {c.tag for c in public} == {None}
 
 
-def counterfactual_options(share: float | None, n_scenes: int = 60, per_video: float = 1.864) -> Counter[tuple]:
-    """Numbers of selected options by tag and answer."""
-    candidates = [
-        SceneQuestions(i, name, tuple(multiple_choice_questions(scene, random.Random(i))))
-        for i, name, scene in many_scenes(n_scenes)
-    ]
-    config = QuestionConfig({"counterfactual": per_video}, inferential_share=share)
-    questions = [q for s in select_questions(candidates, config) for q in s.questions]
-    assert len(questions) >= per_video * n_scenes - 12
-    assert all(2 <= len(q.choices) <= 4 for q in questions)
-    assert all("wrong" in [c.answer for c in q.choices] for q in questions)
-    return Counter((c.tag, c.answer) for q in questions for c in q.choices)
-
-
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
-def test_the_wanted_share_of_options_is_inferential_and_each_half_is_balanced(share: float) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        counts = counterfactual_options(share)
-    inferential = counts["inferential", "correct"] + counts["inferential", "wrong"]
-    assert inferential / counts.total() == pytest.approx(share, abs=0.03)
-    assert counts["inferential", "correct"] / inferential == pytest.approx(0.5, abs=0.06)
-    assert counts["observational", "correct"] / (counts.total() - inferential) == pytest.approx(0.5, abs=0.06)
-
-
-def test_a_share_that_the_scenes_do_not_allow_is_reported() -> None:
-    with pytest.warns(
-        UserWarning, match=r"inferential_share: 1 was asked for, 0\.\d+ was reached \(\d+ of \d+ options\)"
-    ):
-        counterfactual_options(1.0)
-    unchanged = [
-        (i, name, Scene(s.objects, 128, s.visible, s.moving, s.events, s.unseen, None)) for i, name, s in many_scenes(3)
-    ]
-    config = QuestionConfig(inferential_share=0.5)
-    with pytest.warns(UserWarning, match=r"0\.5 was asked for, no option was found"):
-        list(generate_questions(unchanged, config))
-
-
 def test_the_statistics_count_tagged_options(generated) -> None:
     counts = count_questions(generated)
     tagged = counts["counterfactual options by tag"]
@@ -374,19 +335,13 @@ def test_invalid_question_options_are_rejected(values, message) -> None:
         QuestionConfig(**values)
 
 
-def test_a_share_is_between_0_and_1() -> None:
-    with pytest.raises(DataError, match=r"inferential_share`"):
-        QuestionConfig(inferential_share=1.5)
-
-
 def test_question_command_writes_file_and_statistics(truths, tmp_path, capsys) -> None:
     folder = tmp_path / "truth"
     folder.mkdir()
     for truth in truths[:3]:
         (folder / f"truth_{truth['scene_index']:05d}.json").write_text(json.dumps(truth))
     output = tmp_path / "questions.json"
-    share = ["--questions.inferential_share", "0.3"]
-    assert main(["generate", "questions", "--scenes", str(folder), "-o", str(output), "--workers", "1", *share]) == 0
+    assert main(["generate", "questions", "--scenes", str(folder), "-o", str(output), "--workers", "1"]) == 0
     scenes = read_questions(output)
     assert [s.scene_index for s in scenes] == [0, 1, 2]
     text = (tmp_path / "questions.statistics.md").read_text()

@@ -28,10 +28,9 @@ from nsdr.generate.questions.candidates import (
     multiple_choice_questions,
     plain_questions,
 )
-from nsdr.generate.questions.inferential import InferentialSelection
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
-from nsdr.validation import Count, NotNegative, Settings, Share, one_of
+from nsdr.validation import Count, NotNegative, Settings, one_of
 
 PER_VIDEO = {
     "count": 4.0,
@@ -81,9 +80,6 @@ class QuestionConfig(Settings):
         per_video: mean number of questions per video, by descriptive subtype or other type. Defaults to the train split's.
         max_options: max number of options of a question, 2 to 26 (predictive ones have two).
         seed: seed for the wordings and for choices between equally good questions.
-        inferential_share: share of the options of counterfactual questions that are inferential
-            (`nsdr.clevrer.files.questions.OPTION_TAGS`), reached as closely as the scenes allow; None leaves it to chance
-            (about 0.15 in CLEVRER).
         extensions: whether there are also questions beyond CLEVRER, about speeds, directions and masses.
         changed_per_video: max number of what-if questions about changed objects. They need truth files of scenes with
             CLEVRER's physics, and each takes seconds of simulation.
@@ -94,7 +90,6 @@ class QuestionConfig(Settings):
     per_video: Mapping[Annotated[str, one_of(PER_VIDEO)], NotNegative] = field(default_factory=lambda: dict(PER_VIDEO))
     max_options: Annotated[int, Meta(ge=MIN_OPTIONS, le=MAX_OPTIONS)] = 4
     seed: Count = 0
-    inferential_share: Share | None = None
     extensions: bool = False
     changed_per_video: Count = 0
     plain_per_video: Count = 0
@@ -155,17 +150,12 @@ def generate_questions(
 
 
 def select_questions(candidates: Iterable[SceneQuestions], config: QuestionConfig) -> Iterator[SceneQuestions]:
-    """Select from the candidates of each scene, in order, the questions that balance the data set.
-
-    Warns at the end if the scenes did not allow the `QuestionConfig.inferential_share` that was asked for.
-    """
+    """Select from the candidates of each scene, in order, the questions that balance the data set."""
     selection, beyond = _Selection(config), _ExtensionSelection(config.seed, config.max_options)
     for scene in candidates:
         plain = [q for q in scene.questions if q.subtype == PLAIN]
         found = [*selection.questions(scene.questions), *beyond.questions(scene.questions), *plain]
         yield replace(scene, questions=tuple(replace(q, id=i) for i, q in enumerate(found)))
-    if selection.inferential is not None:
-        selection.inferential.warn_if_missed()
 
 
 class _Selection:
@@ -181,12 +171,6 @@ class _Selection:
         self.negated: Counter[tuple[str, bool]] = Counter()
         self.correct: Counter[tuple[str, bool, int]] = Counter()
         self.options: Counter[tuple[str, bool, str, str]] = Counter()
-        self.inferential: InferentialSelection | None = None
-        if (share := config.inferential_share) is not None:
-            kind, n_options = "counterfactual", (MIN_OPTIONS, config.max_options)
-            self.inferential = InferentialSelection(
-                share, CORRECT_SHARES[kind], n_options, MIN_WRONG[kind], MAX_SURPLUS, self.rng
-            )
 
     def questions(self, candidates: Sequence[Question]) -> list[Question]:
         """Select questions about a scene, descriptive ones first."""
@@ -235,17 +219,10 @@ class _Selection:
         selected: list[Question] = []
         limit = PREDICTIVE_PER_SCENE if kind == "predictive" else len(remaining)
         while remaining and self.owed[kind] >= MIN_OWED and len(selected) < limit:
-            if kind == "counterfactual" and self.inferential is not None:
-                found = self.inferential.choose(remaining, self.owed[kind])
-                if found is None:
-                    break
-                question, options = found
-                remaining.remove(question)
-            else:
-                # Each question is asked in one form only: affirmative or negated, whichever was used less.
-                remaining.sort(key=lambda q: self.negated[kind, is_negated(q)])
-                question = remaining.pop(0)
-                options = self._options(question)
+            # Each question is asked in one form only: affirmative or negated, whichever was used less.
+            remaining.sort(key=lambda q: self.negated[kind, is_negated(q)])
+            question = remaining.pop(0)
+            options = self._options(question)
             if not options:
                 continue
             program = question.program or ()
