@@ -414,14 +414,6 @@ def test_worlds_without_an_object_are_data_sets_beside_the_videos(tmp_path) -> N
         generate_dataset(replace(config, counterfactual_videos=0))
 
 
-def test_data_sets_without_such_worlds_are_as_before() -> None:
-    manifest = dataset._manifest(DatasetConfig("set"))
-    known = {"videos", "seed", "first_scene", "splits", "renderer", "masks", "questions", "scene", "render"}
-    assert manifest["config"].keys() == known
-    others = dataset._manifest(DatasetConfig("set", counterfactual_videos=1))
-    assert others["config"] == {**manifest["config"], "counterfactual_videos": 1}
-
-
 @pytest.mark.robustness
 @pytest.mark.filterwarnings("ignore")
 def test_a_data_set_is_the_same_when_a_node_of_the_cluster_is_lost(tmp_path) -> None:

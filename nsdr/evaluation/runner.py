@@ -39,7 +39,6 @@ from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 
 VERSION = 3
 """Of reports: raised when they change."""
-COUNTERFACTUALS = ("simulated", "recording")
 SceneJob = Job[tuple[PerceptionInput, Scene | None]]
 """Makes a scene of the pipeline's input, in which the observed collisions of a true scene may replace the detected ones."""
 COUNTED_OTHERWISE = {
@@ -100,7 +99,7 @@ class EvaluationConfig(Settings):
     set: Sequence[str] = ()
     semantics: Literal["paper", "official"] = "paper"
     collisions: Literal["predicted", "velocity"] = "predicted"
-    counterfactuals: Annotated[str, one_of(COUNTERFACTUALS)] = "simulated"
+    counterfactuals: Literal["simulated", "recording"] = "simulated"
     data_set_rules: bool = True
     truth_source: str = ""
     truth: str = ""

@@ -260,8 +260,6 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
     values = asdict(config)
     for name in ("output", "engine", "workers"):
         values.pop(name)
-    if not config.counterfactual_videos:
-        values.pop("counterfactual_videos")  # older data sets lack this setting, and stay valid
     values["render"]["assets"] = Path(config.render.assets).name
     kinds = {"annotations": True, "videos": config.renderer != "none", "proposals": config.masks}
     kinds["questions"] = config.has_questions
