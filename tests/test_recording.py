@@ -115,7 +115,7 @@ def test_evaluation_tags_options_by_the_true_scenes(tmp_path, capsys) -> None:
     experiment.write_text(json.dumps({"title": "Table", "rows": [row | {"tags_from": str(tmp_path / "others.json")}]}))
     experiment.write_text(experiment.read_text().replace('"name": "row"', '"name": "row", "baseline": "random"'))
     assert main(["experiment", str(experiment), "-o", str(tmp_path)]) == 2
-    assert "others.json: lacks 1 scenes with counterfactual questions, such as 7" in capsys.readouterr().err
+    assert "others.json, which lacks 1 scenes with counterfactual questions, such as 7" in capsys.readouterr().err
 
 
 def test_intervals_are_wider_where_answers_of_a_scene_go_together() -> None:

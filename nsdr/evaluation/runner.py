@@ -300,18 +300,19 @@ def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], 
 
 def _tagged(questions: Sequence[SceneQuestions], config: EvaluationConfig) -> list[SceneQuestions]:
     """The questions with the tags that the true scenes of `tags_from` give them."""
-    asked = config.types
-    wanted = {
-        s.scene_index for s in questions if any(q.type == "counterfactual" for q in s.questions if q.type in asked)
-    }
+    if "counterfactual" not in config.types:
+        return list(questions)
+    wanted = {s.scene_index for s in questions if any(q.type == "counterfactual" for q in s.questions)}
     scenes = {index: scene for index, _, scene in iterate_scenes(config.tags_from) if index in wanted}
+    where = f"{config.questions or config.root} with tags_from {config.tags_from}"
     if missing := wanted - scenes.keys():
-        lacks = f"{len(missing)} scenes with counterfactual questions, such as {min(missing)}"
-        raise DataError(f"tags_from {config.tags_from}: lacks {lacks}")
+        raise DataError(
+            f"{where}, which lacks {len(missing)} scenes with counterfactual questions, such as {min(missing)}"
+        )
     try:
         return [tag_options(s, scenes[s.scene_index]) if s.scene_index in scenes else s for s in questions]
     except DataError as e:
-        raise DataError(f"tags_from {config.tags_from}: {e}") from e
+        raise DataError(f"{where}: {e}") from e
 
 
 def _job(
