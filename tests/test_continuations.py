@@ -306,7 +306,7 @@ def test_without_any_score_the_command_fails(root, tmp_path, capsys) -> None:
         (lambda c: c.update(render={"fps": 10}), "its videos have 10 frames per second; expected 25"),
         (lambda c: c.update(render={"frames": 9}), "its videos show 9 frames of each scene"),
         (lambda c: c["scene"].update(physics={"gravity": -1}), r"manifest\.json: config\.scene\.physics: .*gravity"),
-        (lambda c: c.clear(), r"manifest\.json: config: .*render"),
+        (lambda c: c.clear(), r"manifest\.json: .*render"),
     ],
 )
 def test_data_sets_whose_futures_are_not_known_are_refused(change, message, root, tmp_path) -> None:
@@ -335,5 +335,5 @@ def test_frame_rates_are_read(tmp_path) -> None:
 
 
 def test_continuations_of_other_shapes_are_refused() -> None:
-    with pytest.raises(DataError, match=r"Continuation\.words"):
+    with pytest.raises(DataError, match=r"Continuation.*words"):
         Continuation(np.zeros((2, 5, 2)), (), np.zeros((2, 4), np.int8))

@@ -27,7 +27,7 @@ def work(options):
     list(run_tasks(nap, [sys.argv[1]] * 4, workers=2))
 
 if __name__ == "__main__":
-    ask.demo = work
+    ask.FUNCTIONS["demo"] = ask.FUNCTIONS["demo"]._replace(run=work)
     sys.exit(cli.main(["demo"]))
 """
 """A command that keeps two workers busy."""
@@ -83,7 +83,7 @@ def test_ctrl_c_within_this_process_is_one_line(capsys, monkeypatch) -> None:
 
     before = signal.getsignal(signal.SIGINT)
     _heed_ctrl_c()
-    monkeypatch.setattr(ask, "demo", interrupted)
+    monkeypatch.setitem(ask.FUNCTIONS, "demo", ask.FUNCTIONS["demo"]._replace(run=interrupted))
     assert cli.main(["demo"]) == 130
     assert capsys.readouterr().err == "interrupted\n"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -378,7 +378,7 @@ def test_a_reversed_video_is_reported_with_its_frames(tmp_path, capsys) -> None:
     ("change", "message"),
     [
         ({"splits": {"train": 1, "validation": 1}}, "one split"),
-        ({"laws": ("gravity",)}, "gravity"),
+        ({"laws": ("gravity",)}, "laws"),
         ({"sizes": ()}, "sizes"),
         ({"videos": 3}, "videos"),
         ({"counterfactual_videos": 1}, "counterfactual_videos"),

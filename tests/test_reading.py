@@ -53,7 +53,7 @@ def npz(path: Path, **members: bytes) -> Path:
 def test_bad_json_is_refused_by_name(content, reason, tmp_path) -> None:
     path = tmp_path / "bad.json"
     path.write_bytes(content)
-    with pytest.raises(DataError, match=rf"bad\.json: not a readable JSON file \(.*{re.escape(reason)}"):
+    with pytest.raises(DataError, match=rf"bad\.json: .*{re.escape(reason)}"):
         read_json(path)
 
 
