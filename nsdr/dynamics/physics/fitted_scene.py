@@ -26,7 +26,6 @@ from nsdr.dynamics.physics.simulator import (
 )
 from nsdr.dynamics.simulation import padded
 from nsdr.dynamics.track_smoothing import SmoothedTracks, rollout_in_image, with_smoothed_tracks
-from nsdr.io.device import limit_threads
 from nsdr.types import Event, ObjectPhysics, Rollout, UncertainCollision
 from nsdr.types.interventions import Intervention
 from nsdr.validation import BoolArray, FloatArray, IntArray
@@ -123,7 +122,6 @@ class FittedScene(Explanation):
         errors[..., YAW] = self.config.yaw_noise * yaw
         return errors
 
-    @limit_threads(1)
     def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
         """Roll out the video as it is, or with interventions.
 

@@ -28,7 +28,6 @@ class NetworkExplanation(Explanation):
         self._continued, self._without_each = continued, without_each
         self._removals: dict[int, Sequence[Rollout]] = {}
 
-    @limit_threads(1)
     def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
         """Roll out the video as it is, or without one object.
 
@@ -37,7 +36,9 @@ class NetworkExplanation(Explanation):
         """
         removed = only_removal(changes, from_frame, "PropNet")
         if removed is None:
-            return self._continued(frames)
+            with limit_threads(1):
+                return self._continued(frames)
         if frames not in self._removals:
-            self._removals[frames] = self._without_each(frames)
+            with limit_threads(1):  # not for kept rollouts, as setting the number of threads takes milliseconds
+                self._removals[frames] = self._without_each(frames)
         return self._removals[frames][removed]
