@@ -9,8 +9,9 @@ import numpy as np
 import nsdr
 from nsdr.clevrer.example import TRUTH
 from nsdr.cli.main import outcome_of
+from nsdr.dynamics import StoredExplanation, simulate
 from nsdr.dynamics.interventions import resolve
-from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
+from nsdr.types import Add, DynamicsPrediction, Freeze, Move, Remove, Rollout, SceneObject, SetMass, SetVelocity
 from tests.robustness.agents import call_tool
 from tests.robustness.case import Case, raw, removed, replaced, text_writer
 from tests.robustness.data_sets import changed, data_set
@@ -50,6 +51,12 @@ def _videos(**changes: Any) -> Any:
     return VideoDataset(**values)[0]
 
 
+def _simulate_nothing() -> Any:
+    objects = (RED_CUBE, *OTHERS)
+    still = Rollout(np.zeros((*VISIBLE.shape, 2)), VISIBLE, ())
+    return simulate(StoredExplanation(DynamicsPrediction(objects, VISIBLE.shape[1], still)), [])
+
+
 def _resolve(*changes: Any, from_frame: Any = 0) -> Any:
     return resolve(changes, (RED_CUBE, *OTHERS), VISIBLE, from_frame)
 
@@ -68,7 +75,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 }  # fmt: skip
 """What is called by name, with JSON arguments."""
 CHANGED: dict[str, Callable[[], Any]] = {
-    "nothing": lambda: _resolve(),
+    "nothing": lambda: _simulate_nothing(),
     "a word": lambda: _resolve("red cube"),
     "unknown words": lambda: _resolve(Remove("green cube")),
     "no words": lambda: _resolve(Remove("")),
