@@ -23,8 +23,8 @@ def check_parser(name: str, extensions: bool = False) -> None:
     if name not in (GRAMMAR, NETWORK) and not is_address(name.partition("#")[0]):
         shown = name.rpartition("@")[2]
         raise DataError(
-            f"question_parser (--question-parser) is {shown!r:.200}; expected {GRAMMAR}, {NETWORK}, or a server's address such as "
-            "http://localhost:8000/v1, without a password"
+            f"question_parser (--question-parser) is {shown!r:.200}; expected {GRAMMAR}, {NETWORK}, or a server's address "
+            "such as http://localhost:8000/v1, without a password"
         )
     if extensions and name != GRAMMAR:
         raise DataError(f"extensions would do nothing with question_parser {name!r:.200}; only {GRAMMAR} has them")
