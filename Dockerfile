@@ -4,6 +4,7 @@ FROM python:3.11-slim
 RUN pip install --no-cache-dir torch torchvision --index-url https://download.pytorch.org/whl/cpu
 COPY pyproject.toml README.md LICENSE /src/
 COPY checkpoints /src/checkpoints
+COPY configs/pipeline /src/configs/pipeline
 COPY nsdr /src/nsdr
 RUN pip install --no-cache-dir '/src[web]' && rm -r /src
 RUN useradd --create-home nsdr

@@ -279,7 +279,7 @@ def test_differences_and_probabilities(simulated) -> None:
             20,
             r"Move .*position on the ground, from -14.8 to 14.8, got",
         ),
-        ([SetVelocity(1, speed=1.0)], 0, "it rests"),
+        ([SetVelocity(1, speed=1.0)], 0, "it is at rest"),
         ([SetVelocity(0, factor=3)], 0, "speed of up to 5 world units per second, got 7"),
     ],
 )

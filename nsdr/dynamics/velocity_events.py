@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nsdr.clevrer.velocity_rule import velocity_collisions
-from nsdr.dynamics.base import Dynamics, Explanation
+from nsdr.dynamics.base import Dynamics, Explanation, only_removal
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.io.checkpoint import HasWeights
 from nsdr.types import Event, Rollout
@@ -59,8 +59,9 @@ class _VelocityExplanation(Explanation):
         """The rollout of the other explanation, with collisions detected from its motion.
 
         Raises:
-            DataError: the other explanation cannot make these changes.
+            DataError: a change other than the removal of one object from frame 0.
         """
+        only_removal(changes, from_frame, "collisions from velocities")
         rollout = self._motion.run(changes, from_frame, frames)
         if changes:
             return replace(rollout, collisions=collisions_from_motion(rollout, self.camera), uncertain=None)
