@@ -276,7 +276,10 @@ def test_videos_are_scored_and_the_rest_is_listed(root, tmp_path, capsys, monkey
     monkeypatch.setattr("nsdr.continuations.compare.bullet_runs", None)
     for write, reason in (
         (lambda: bad.write_text("no video"), "is a text file; expected a video"),
-        (lambda: write_video(bad, frames, fps=30), "30 frames per second; expected 25, the rate of the truth; write it"),
+        (
+            lambda: write_video(bad, frames, fps=30),
+            "30 frames per second; expected 25, the rate of the truth; write it",
+        ),
         (lambda: write_video(bad, frames[:22]), "only 22 frames; expected at least 28"),
     ):
         write()
