@@ -37,7 +37,7 @@ bench: .venv/installed-dev
 gpu: .venv/installed-dev
 	$(BIN)/python -m benchmarks.gpu -o results/gpu.md $(ARGS)
 
-# Makes every shipped weight: about ten hours, the sum of the times in docs/training.md. WHAT=weights-dynamics-paper makes one part
+# Makes every shipped weight: about ten hours, the sum of the times in docs/training.md. WHAT=weights-propnet-patches makes one part
 # (configs/weights.mk).
 # DATA is a folder with frames/ and real/; STEPS=2 only tries the commands.
 WHAT ?= weights

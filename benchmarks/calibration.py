@@ -62,7 +62,7 @@ def events_of(scene: Scene, kind: str, removed: int | None) -> Iterable[Event] |
     """Collisions of a kind; None where the scene does not know them."""
     if removed is not None:
         return (scene.counterfactual or {}).get(removed)
-    return scene.unseen if kind == AFTER else [e for e in scene.events if e.kind == "collision"]
+    return scene.predicted if kind == AFTER else [e for e in scene.events if e.kind == "collision"]
 
 
 def text_of(title: str, found: dict[str, dict[str, Any]]) -> str:

@@ -104,7 +104,7 @@ def score_cuts(options: Namespace) -> None:
         scenes += 1
         for config, found in zip(configs, scores, strict=True):
             backend.config = replace(backend.config, **config)
-            probability = backend.explain(states, given).rollout(frames=last_frame + 1).unseen_scores
+            probability = backend.explain(states, given).rollout(frames=last_frame + 1).predicted_scores
             met = {e.objects for e in given}
             pairs = (pair for pair in combinations(range(len(states.objects)), 2) if pair not in met)
             found += [(pair in later, probability[pair]) for pair in pairs]
@@ -153,7 +153,7 @@ def main() -> None:
     parser = parser_of(__doc__)
     add_real_scenes(parser)
     parser.add_argument("--rollouts", type=int, default=60, help="scenes whose rollouts are measured")
-    parser.add_argument("--dynamics", nargs="+", default=["physics", "state"], help="backends, or their YAML files")
+    parser.add_argument("--dynamics", nargs="+", default=["physics", "propnet"], help="backends, or their YAML files")
     parser.add_argument("--cut", action="store_true", help="score probabilities of collisions after a cut")
     parser.add_argument("--set", action="append", default=[], help="with --cut, a field of PhysicsConfig and a number")
     options = parser.parse_args()

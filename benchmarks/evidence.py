@@ -108,7 +108,7 @@ def contrary(sentence: str, scene: Scene) -> str:
 def denied(scene: Scene) -> Iterator[str]:
     """What does not happen: collisions in the video, after it and without an object."""
     names = [ObjectPhrase(f"the {o.name}", (o.color, o.material, o.shape)) for o in scene.objects]
-    courses = [("collision", None, scene.events), ("future", None, scene.unseen or ())]
+    courses = [("collision", None, scene.events), ("future", None, scene.predicted or ())]
     courses += [("counterfactual", names[i], events) for i, events in (scene.counterfactual or {}).items()]
     for kind, removed, events in courses:
         for pair in combinations(range(len(names)), 2):

@@ -63,7 +63,7 @@ def rows(small: bool) -> dict[str, Row]:
         "results: question parser": gpu_rows.question_parser,
         "results: collision network": gpu_rows.collision_network,
     }
-    for name in ("physics", "state", "paper", "paper_images"):
+    for name in ("physics", "propnet", "propnet_patches", "propnet_images"):
         found[f"results: dynamics {name}"] = partial(gpu_rows.dynamics, name=name)
     found["results: video to answers"] = gpu_rows.pipeline
     for title, row in (("one step", gpu_rows.one_step), ("resumed", gpu_rows.resumed)):

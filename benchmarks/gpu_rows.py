@@ -38,10 +38,10 @@ from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
 from nsdr.training.baselines import BaselineTask, BaselineTraining
 from nsdr.training.collisions import CollisionTask, CollisionTraining
-from nsdr.training.dynamics import StateModelTask
+from nsdr.training.dynamics import PropNetTask
 from nsdr.training.frame_parser import FrameParserTask, FrameParserTraining
 from nsdr.training.loop import LoopConfig, Task, train
-from nsdr.training.patch_dynamics import ImageModelTask, PatchModelTask
+from nsdr.training.patch_dynamics import ImagePropNetTask, PatchPropNetTask
 from nsdr.training.question_parser import QuestionParserTask, QuestionParserTraining
 from nsdr.training.run_folder import parse_training
 from nsdr.training.track_task import DynamicsTraining
@@ -211,7 +211,7 @@ def dynamics(setting: Setting, name: str) -> Result:
     def rollouts() -> list[Rollout]:
         found = []
         for i, of_video in tracks.items():
-            is_seen = name == "paper_images"
+            is_seen = name == "propnet_images"
             pixels = VideoPixels(read_frames(split.video(i)), split.proposals(i), of_video) if is_seen else None
             prediction = backend.explain(states_from_tracks(of_video, pixels)).prediction
             found += [prediction.observed, *prediction.counterfactual.values()]
@@ -249,9 +249,9 @@ def trainings() -> dict[str, list[str]]:
         "frame-parser": "frame-parser frame_parser/default --frames DATA/frames --evaluation_frames 2",
         "collisions": f"collisions dynamics/collisions {motion}",
         "question-parser": "question-parser question_parser/default --evaluation_texts 4",
-        "dynamics on states": f"dynamics dynamics/state {motion}",
-        "dynamics on masks": f"dynamics dynamics/paper_fast {motion}",
-        "dynamics on images": "dynamics dynamics/paper --data DATA/set --evaluation_scenes 1",
+        "dynamics on states": f"dynamics dynamics/propnet {motion}",
+        "dynamics on masks": f"dynamics dynamics/propnet_patches {motion}",
+        "dynamics on images": "dynamics dynamics/propnet_images --data DATA/set --evaluation_scenes 1",
     }
     questions = "--questions DATA/set/questions/train.json --validation DATA/set/questions/train.json --plain_steps 0"
     for name in BASELINES.names():
@@ -274,7 +274,7 @@ def arguments_of(setting: Setting, name: str, folder: Path, steps: int) -> list[
 def task_of(arguments: Sequence[str]) -> tuple[Task, LoopConfig]:
     """What `nsdr train` with these arguments trains, and how."""
     of_network: dict[str, Callable[[DynamicsTraining], Task]]
-    of_network = {"state": StateModelTask, "paper": PatchModelTask, "paper_images": ImageModelTask}
+    of_network = {"propnet": PropNetTask, "propnet_patches": PatchPropNetTask, "propnet_images": ImagePropNetTask}
     kinds: dict[str, tuple[type[Any], Callable[[Any], Task]]] = {
         "frame-parser": (FrameParserTraining, FrameParserTask),
         "collisions": (CollisionTraining, CollisionTask),

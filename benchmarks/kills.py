@@ -140,7 +140,7 @@ def prepare(data: Path, videos: int) -> None:
         "title: Example\n"
         f"common: {{questions: {data}/set/questions/validation.json, data: {data}/set/derender_proposals, programs: gold,\n"
         f"  source: proposals, cache: out/scenes, workers: {WORKERS}}}\n"
-        "rows:\n  - {name: state, dynamics: state}\n  - {name: guess, baseline: random}\n  - {name: physics}\n"
+        "rows:\n  - {name: state, dynamics: propnet}\n  - {name: guess, baseline: random}\n  - {name: physics}\n"
     )
 
 

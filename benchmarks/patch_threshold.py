@@ -1,6 +1,6 @@
 """Scores of observed collisions by `collision_threshold`, of the paper's networks on patches.
 
-`python -m benchmarks.patch_threshold --checkpoint runs/dynamics_paper/checkpoint --config configs/dynamics/paper.yaml`
+`python -m benchmarks.patch_threshold --checkpoint runs/propnet_images/checkpoint --config configs/dynamics/propnet_images.yaml`
 
 The scenes are those that the training of CONFIG leaves out. Patches of images are read from the run's folder, or made there.
 Other options are those of `nsdr train dynamics`, such as `--proposals FILE --truth FILE --run_dir FOLDER`.
@@ -10,8 +10,8 @@ from dataclasses import replace
 
 from benchmarks.shared import parser_of
 from nsdr.dynamics.metrics import collision_scores
-from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
-from nsdr.training.patch_dynamics import ImageModelTask, PatchModelTask
+from nsdr.dynamics.propnet.patch_predictor import ImagePropNetPredictor, PatchPropNetPredictor
+from nsdr.training.patch_dynamics import ImagePropNetTask, PatchPropNetTask
 from nsdr.training.run_folder import parse_training
 from nsdr.training.track_task import DynamicsTraining
 
@@ -23,9 +23,9 @@ def main() -> None:
     parser.add_argument("--checkpoint", required=True, help="folder of the trained network")
     options, others = parser.parse_known_args()
     config = parse_training(DynamicsTraining, others, "dynamics")
-    on_images = config.network == "paper_images"
-    task = ImageModelTask(config) if on_images else PatchModelTask(config)
-    predictor = (ImagePredictor if on_images else PatchPredictor).from_checkpoint(options.checkpoint)
+    on_images = config.network == "propnet_images"
+    task = ImagePropNetTask(config) if on_images else PatchPropNetTask(config)
+    predictor = (ImagePropNetPredictor if on_images else PatchPropNetPredictor).from_checkpoint(options.checkpoint)
     scenes = [task.states(i) for i in range(len(task.held_out))]
     print(f"{len(scenes)} scenes, {sum(len(events) for _, events in scenes)} collisions")
     for threshold in THRESHOLDS:

@@ -136,8 +136,8 @@ def commands() -> str:
         evaluate = ("evaluate", "--questions", QUESTIONS, "--cache", out, "--source")
         timed: dict[str, tuple[Any, ...]] = {
             "answer": answer,
-            "answer --dynamics state": (*answer, "--dynamics", "state"),
-            "answer --dynamics paper": (*answer, "--dynamics", "paper"),
+            "answer --dynamics propnet": (*answer, "--dynamics", "propnet"),
+            "answer --dynamics propnet_patches": (*answer, "--dynamics", "propnet_patches"),
             "predict-dynamics (2 videos, 2 workers)": ("predict-dynamics", proposals, "-o", out, "--workers", "2"),
             "evaluate --source scenes (1 video)": (*evaluate, "scenes", "--data", scenes),
             "evaluate --source proposals (1 video)": (*evaluate, "proposals", "--data", proposals),

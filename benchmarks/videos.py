@@ -92,7 +92,7 @@ def is_classed(path: Path, kind: str, right: str) -> bool:
 
 def perceive(options: Namespace, path: Path) -> None:
     """Print what is found in each altered video."""
-    pipeline = Pipeline.from_pretrained(dynamics="state")
+    pipeline = Pipeline.from_pretrained(dynamics="propnet")
     for clip in options.clips:
         true = pipeline.scene(clip)
         for kind, _, frames, rate in altered(clip, options.only):

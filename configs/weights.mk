@@ -1,4 +1,4 @@
-# Makes every shipped weight: `make weights DATA=FOLDER` from the project's folder, or one part, such as `weights-dynamics`.
+# Makes every shipped weight: `make weights DATA=FOLDER` from the project's folder, or one part, such as `weights-propnet`.
 # DATA is a folder with frames/ (training frames) and real/ (proposals_train.npz and truth_train.json.gz).
 # What is finished is not made again; the same command resumes what was killed. The folder of each part's runs, and the weights
 # as they ship, are written below WEIGHTS. STEPS=2 tries all commands with two steps each.
@@ -12,16 +12,16 @@ MOTION := --proposals $(DATA)/real/proposals_train.npz --truth $(DATA)/real/trut
 FRAMES := --frames $(DATA)/frames
 run = $(NSDR) train $(1) --config configs/$(2).yaml --run_dir $(WEIGHTS)/$(3) $(4) $(TRY)
 
-PARTS := $(addprefix weights-,frame-parser dynamics dynamics-paper dynamics-images collisions question-parser baselines)
+PARTS := $(addprefix weights-,frame-parser propnet propnet-patches propnet-images collisions question-parser baselines)
 
 .PHONY: weights $(PARTS)
 
 weights: $(PARTS)
 
 weights-frame-parser: $(WEIGHTS)/default/frame_parser.json
-weights-dynamics: $(WEIGHTS)/default/dynamics.json
-weights-dynamics-paper: $(WEIGHTS)/dynamics_paper/dynamics.json
-weights-dynamics-images: $(WEIGHTS)/dynamics_paper_images/dynamics.json
+weights-propnet: $(WEIGHTS)/default/dynamics.json
+weights-propnet-patches: $(WEIGHTS)/propnet_patches/dynamics.json
+weights-propnet-images: $(WEIGHTS)/propnet_images/dynamics.json
 weights-collisions: $(WEIGHTS)/default/collisions.json
 weights-question-parser: $(WEIGHTS)/default/question_parser.json
 weights-baselines: $(foreach name,truth/tbd truth/tvqa truth/mac truth/mac_objects pixels/mac_objects,$(WEIGHTS)/baselines/$(name)/baseline.json)
@@ -33,22 +33,22 @@ $(WEIGHTS)/default/frame_parser.json: $(WEIGHTS)/frame_parser/checkpoint/frame_p
 	$(call run,frame-parser,frame_parser/second,frame_parser_second,$(FRAMES) --initial $(<D) --output $(@D))
 
 $(WEIGHTS)/dynamics/checkpoint/dynamics.json:
-	$(call run,dynamics,dynamics/state,dynamics,$(MOTION))
+	$(call run,dynamics,dynamics/propnet,dynamics,$(MOTION))
 
 $(WEIGHTS)/default/dynamics.json: $(WEIGHTS)/dynamics/checkpoint/dynamics.json
-	$(call run,dynamics,dynamics/state_second,dynamics_second,$(MOTION) --initial $(<D) --output $(@D))
+	$(call run,dynamics,dynamics/propnet_second,dynamics_second,$(MOTION) --initial $(<D) --output $(@D))
 
-$(WEIGHTS)/paper_fast/checkpoint/dynamics.json:
-	$(call run,dynamics,dynamics/paper_fast,paper_fast,$(MOTION))
+$(WEIGHTS)/propnet_patches_first/checkpoint/dynamics.json:
+	$(call run,dynamics,dynamics/propnet_patches,propnet_patches_first,$(MOTION))
 
-$(WEIGHTS)/dynamics_paper/dynamics.json: $(WEIGHTS)/paper_fast/checkpoint/dynamics.json
-	$(call run,dynamics,dynamics/paper_fast_second,paper_fast_second,$(MOTION) --initial $(<D) --output $(@D))
+$(WEIGHTS)/propnet_patches/dynamics.json: $(WEIGHTS)/propnet_patches_first/checkpoint/dynamics.json
+	$(call run,dynamics,dynamics/propnet_patches_second,propnet_patches_second,$(MOTION) --initial $(<D) --output $(@D))
 
 $(WEIGHTS)/images/statistics.md:
 	$(NSDR) generate dataset --config configs/generate/preview.yaml -o $(@D) --videos $(or $(STEPS),400) --splits '{"train": 1}'
 
-$(WEIGHTS)/dynamics_paper_images/dynamics.json: $(WEIGHTS)/images/statistics.md
-	$(call run,dynamics,dynamics/paper,paper_images,--data $(<D) --output $(@D))
+$(WEIGHTS)/propnet_images/dynamics.json: $(WEIGHTS)/images/statistics.md
+	$(call run,dynamics,dynamics/propnet_images,propnet_images_run,--data $(<D) --output $(@D))
 
 $(WEIGHTS)/default/collisions.json:
 	$(call run,collisions,dynamics/collisions,collisions,$(MOTION) --output $(@D))

@@ -8,10 +8,10 @@ from .clevrer.dataset import CLEVRER as CLEVRER
 from .dynamics.base import Dynamics as Dynamics, Explanation as Explanation
 from .dynamics.motion_states import MotionStates as MotionStates, states_from_tracks as states_from_tracks
 from .dynamics.physics.predictor import PhysicsPredictor as PhysicsPredictor
-from .dynamics.propnet.patch_model import PatchModel as PatchModel
-from .dynamics.propnet.patch_predictor import PatchPredictor as PatchPredictor
-from .dynamics.propnet.state_model import StateModel as StateModel
-from .dynamics.propnet.state_predictor import StatePredictor as StatePredictor
+from .dynamics.propnet.patch_model import PatchPropNet as PatchPropNet
+from .dynamics.propnet.patch_predictor import PatchPropNetPredictor as PatchPropNetPredictor
+from .dynamics.propnet.state_model import PropNet as PropNet
+from .dynamics.propnet.state_predictor import PropNetPredictor as PropNetPredictor
 from .dynamics.registry import BackendConfig as BackendConfig, load_backend as load_backend
 from .errors import (
     CheckpointError as CheckpointError,

@@ -110,8 +110,8 @@ class Pipeline:
 
         Args:
             path_or_id: where the checkpoint is.
-            dynamics: a backend by name ("physics", "state", "paper" or one of another package), a YAML file, or its settings;
-                "" for that of `config`.
+            dynamics: a backend by name ("physics", "propnet", "propnet_patches" or one of another package), a YAML file, or its
+                settings; "" for that of `config`.
             config: settings of all parts, their YAML file, or the name of one that ships: "paper" for the paper's system.
             device: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
 

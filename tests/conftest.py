@@ -59,14 +59,14 @@ def small_scene() -> Scene:
         Event("collision", 40, (1, 2)),
         Event("out", 60, (1,)),
     )
-    unseen = (Event("collision", 150, (2, 3)),)
+    predicted = (Event("collision", 150, (2, 3)),)
     counterfactual = {
         0: (Event("collision", 150, (2, 3)),),
         1: (Event("collision", 30, (0, 2)),),
         2: (Event("collision", 20, (0, 1)),),
         3: (Event("collision", 20, (0, 1)), Event("collision", 40, (1, 2))),
     }
-    return Scene(objects, 128, visible, moving, events, unseen, counterfactual)
+    return Scene(objects, 128, visible, moving, events, predicted, counterfactual)
 
 
 @pytest.fixture

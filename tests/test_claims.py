@@ -46,10 +46,10 @@ def scenes(draw: st.DrawFn) -> Scene:
         frames = range(first, last + 1, 2)  # so far apart that the tolerance tells collisions of a pair apart
         return tuple({Event("collision", rng.choice(frames), p): None for p in pairs if without not in p})
 
-    unseen = collisions(N_FRAMES, N_FRAMES + 9)
+    predicted = collisions(N_FRAMES, N_FRAMES + 9)
     counterfactual = {i: collisions(0, N_FRAMES + 9, i) for i in range(n)}
     events += collisions(0, N_FRAMES - 1)
-    return Scene(objects, N_FRAMES, visible, moving, tuple(events), unseen, counterfactual)
+    return Scene(objects, N_FRAMES, visible, moving, tuple(events), predicted, counterfactual)
 
 
 def answers(scene: Scene, seed: int, n: int) -> list[Answer]:
@@ -324,7 +324,7 @@ def test_what_cannot_be_checked(small_scene: Scene, text: str, reason: str) -> N
 
 
 def test_what_a_scene_does_not_know_cannot_be_checked(small_scene: Scene) -> None:
-    poor = replace(small_scene, moving=None, unseen=None, counterfactual=None)
+    poor = replace(small_scene, moving=None, predicted=None, counterfactual=None)
     text = "The cube never moves.\nAfter the video, 2 collisions happen.\nWithout the cube, the spheres would collide."
     text = text.replace("the spheres", "the cylinder and the red sphere")
     assert [c.holds for c in verify(text, poor).claims] == [None, None, None]

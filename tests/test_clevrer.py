@@ -126,7 +126,7 @@ def test_scene_of_a_prediction() -> None:
     objects = (SceneObject(0, "red", "metal", "cube"), SceneObject(1, "blue", "metal", "cube"))
     scene = scene_from_prediction(DynamicsPrediction(objects, 128, rollout, {1: Rollout(location, visible, ())}))
     assert scene.events == (Event("in", 10, (0,)), Event("collision", 50, (0, 1)))
-    assert scene.unseen == (Event("collision", 150, (0, 1)),)
+    assert scene.predicted == (Event("collision", 150, (0, 1)),)
     assert scene.counterfactual == {1: ()}
     assert scene.moving is not None
     assert scene.moving[0].all()

@@ -205,7 +205,7 @@ def _truth(folder):
     """The example's true scene as a generator's truth file."""
     scene = load(Scene, TRUTH)
     assert scene.moving is not None
-    assert scene.unseen is not None
+    assert scene.predicted is not None
     assert scene.counterfactual is not None
 
     def rows(events):
@@ -233,7 +233,7 @@ def _truth(folder):
         "seed": 0,
         "objects": objects,
         "frames": frames,
-        "collisions": rows(scene.events) + rows(scene.unseen),
+        "collisions": rows(scene.events) + rows(scene.predicted),
         "counterfactual": {str(k): rows(v) for k, v in scene.counterfactual.items()},
     }
     (folder / "truth_500002.json").write_text(json.dumps(truth))
@@ -255,7 +255,10 @@ def _truth(folder):
         (["train", "dynamics", "--config", "none.yaml"], "none.yaml"),
         (["evaluate", "--questions", "none.json", "--source", "videos", "--data", "."], "none.json: no such file"),
         (["nonsense"], "nonsense"),
-        (["answer", TRUTH, "-q", "How many collisions happen?", "--dynamics", "state"], "--dynamics would do nothing"),
+        (
+            ["answer", TRUTH, "-q", "How many collisions happen?", "--dynamics", "propnet"],
+            "--dynamics would do nothing",
+        ),
         (
             ["answer", TRUTH, "-q", "Who?", "--set", "tracker.score=0.8", "--config", "configs/pipeline/default.yaml"],
             "--config configs/pipeline/default.yaml, --set tracker.score=0.8 would do",

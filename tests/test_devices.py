@@ -14,10 +14,10 @@ from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.cli.main import main
 from nsdr.dynamics.collisions.network import CollisionNetworkConfig, TrackCollisionDetector
 from nsdr.dynamics.motion_states import states_from_tracks
-from nsdr.dynamics.propnet.patch_model import PatchModelConfig
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
-from nsdr.dynamics.propnet.state_model import StateModelConfig
-from nsdr.dynamics.propnet.state_predictor import StatePredictor
+from nsdr.dynamics.propnet.patch_model import PatchPropNetConfig
+from nsdr.dynamics.propnet.patch_predictor import PatchPropNetPredictor
+from nsdr.dynamics.propnet.state_model import PropNetConfig
+from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
 from nsdr.errors import DataError
 from nsdr.frame_parser.model import FrameParserConfig
 from nsdr.frame_parser.parser import FrameParser
@@ -26,10 +26,10 @@ from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
 from nsdr.training import loop
 from nsdr.training.collisions import CollisionTask, CollisionTraining
-from nsdr.training.dynamics import StateModelTask
+from nsdr.training.dynamics import PropNetTask
 from nsdr.training.frame_parser import FrameParserTask, FrameParserTraining
 from nsdr.training.loop import LoopConfig, Task
-from nsdr.training.patch_dynamics import PatchModelTask
+from nsdr.training.patch_dynamics import PatchPropNetTask
 from nsdr.training.question_parser import QuestionParserTask, QuestionParserTraining
 from nsdr.training.track_task import DynamicsTraining
 from tests.conftest import draw_frame
@@ -47,16 +47,16 @@ def dynamics_training(tiny_motion: tuple[Path, Path], folder: Path, network: str
         run_dir=str(folder),
         network=network,
         rollout_steps=2,
-        model=StateModelConfig(hidden=16),
-        patches=PatchModelConfig(hidden=16),
+        model=PropNetConfig(hidden=16),
+        patches=PatchPropNetConfig(hidden=16),
     )
 
 
 def make_task(name: str, tiny_motion: tuple[Path, Path], tiny_frames: Path, folder: Path) -> Task:
-    if name == "state":
-        return StateModelTask(dynamics_training(tiny_motion, folder, name))
-    if name == "paper":
-        return PatchModelTask(dynamics_training(tiny_motion, folder, name))
+    if name == "propnet":
+        return PropNetTask(dynamics_training(tiny_motion, folder, name))
+    if name == "propnet_patches":
+        return PatchPropNetTask(dynamics_training(tiny_motion, folder, name))
     if name == "question-parser":
         texts = QuestionParserConfig(embedding=8, hidden=16, max_tokens=10)
         return QuestionParserTask(QuestionParserTraining(str(folder), evaluation_texts=3, model=texts))
@@ -68,7 +68,7 @@ def make_task(name: str, tiny_motion: tuple[Path, Path], tiny_frames: Path, fold
     )
 
 
-@pytest.fixture(params=["state", "paper", "collisions", "question-parser", "frame-parser"])
+@pytest.fixture(params=["propnet", "propnet_patches", "collisions", "question-parser", "frame-parser"])
 def task(request, tiny_motion, tiny_frames, tmp_path) -> Task:
     return make_task(request.param, tiny_motion, tiny_frames, tmp_path)
 
@@ -98,7 +98,9 @@ def test_training_and_evaluation_run_where_the_weights_are(task) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "checkpoint"), [(StatePredictor, "default"), (PatchPredictor, "dynamics_paper")], ids=["state", "paper"]
+    ("kind", "checkpoint"),
+    [(PropNetPredictor, "default"), (PatchPropNetPredictor, "propnet_patches")],
+    ids=["propnet", "propnet_patches"],
 )
 def test_dynamics_predictors_run_where_their_weights_are(kind, checkpoint, tiny_motion) -> None:
     _, proposals = next(iter(read_compact_proposals(tiny_motion[0])))
@@ -144,7 +146,7 @@ def test_the_frame_parser_runs_where_its_weights_are() -> None:
     np.testing.assert_allclose(found.score, expected.score, atol=1e-3)
 
 
-MAKERS: list[Callable[..., Any]] = [FrameParser, QuestionParser, StatePredictor]
+MAKERS: list[Callable[..., Any]] = [FrameParser, QuestionParser, PropNetPredictor]
 
 
 @pytest.mark.parametrize("part", MAKERS)
@@ -153,7 +155,7 @@ def test_a_device_that_is_not_there_is_refused(part) -> None:
         part.from_pretrained(device="cuda:77")
 
 
-@pytest.mark.parametrize("name", ["state", "paper", "question-parser"])
+@pytest.mark.parametrize("name", ["propnet", "propnet_patches", "question-parser"])
 def test_metrics_are_those_of_the_model_that_is_handed_over(name, tiny_motion, tiny_frames, tmp_path) -> None:
     """With averaged weights, these are evaluated: the weights that the optimizer works on must not matter."""
     import copy

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError, DynamicsPrediction, Event, Explanation, Rollout, StatePredictor
+from nsdr import DataError, DynamicsPrediction, Event, Explanation, PropNetPredictor, Rollout
 from nsdr.clevrer.files.annotations import read_truth
 from nsdr.dynamics import StoredExplanation
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_tracks
 from nsdr.dynamics.propnet.data import read_motion_dataset
-from nsdr.dynamics.propnet.layers import PropNet, mlp
-from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
+from nsdr.dynamics.propnet.layers import PropagationNetwork, mlp
+from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
 from nsdr.dynamics.sliding import slide
 from nsdr.dynamics.stretch import fit_stretch
 from nsdr.dynamics.track_smoothing import frames_in_image, smooth_tracks
@@ -25,22 +25,22 @@ from nsdr.world.physics_constants import FRAME_SECONDS, horizon_frame
 
 from .test_frame_parser import BLUE, GREEN, RED, as_proposals, moving
 
-SMALL = StateModelConfig(hidden=16)
+SMALL = PropNetConfig(hidden=16)
 
 
-def explained(predictor: StatePredictor, video: VideoTracks) -> DynamicsPrediction:
+def explained(predictor: PropNetPredictor, video: VideoTracks) -> DynamicsPrediction:
     return predictor.explain(states_from_tracks(video)).prediction
 
 
 @pytest.fixture
-def predictor() -> StatePredictor:
+def predictor() -> PropNetPredictor:
     torch.manual_seed(0)
-    return StatePredictor(StateModel(SMALL))
+    return PropNetPredictor(PropNet(SMALL))
 
 
 def test_propnet_is_permutation_equivariant() -> None:
     torch.manual_seed(0)
-    net = PropNet(mlp(4, 16, 16), mlp(3, 16, 16), 2, 1, hidden=16)
+    net = PropagationNetwork(mlp(4, 16, 16), mlp(3, 16, 16), 2, 1, hidden=16)
     objects, relations = torch.randn(1, 5, 4), torch.randn(1, 5, 5, 3)
     exists = torch.ones(1, 5, dtype=torch.bool)
     order = torch.tensor([3, 1, 4, 0, 2])
@@ -52,7 +52,7 @@ def test_propnet_is_permutation_equivariant() -> None:
 
 def test_absent_objects_have_no_influence() -> None:
     torch.manual_seed(0)
-    net = PropNet(mlp(4, 16, 16), mlp(3, 16, 16), 2, 1, hidden=16)
+    net = PropagationNetwork(mlp(4, 16, 16), mlp(3, 16, 16), 2, 1, hidden=16)
     objects, relations = torch.randn(1, 3, 4), torch.randn(1, 3, 3, 3)
     exists = torch.tensor([[True, True, False]])
     motion, _ = net(objects, relations, exists)
@@ -91,7 +91,7 @@ def test_a_hidden_object_is_not_reliable() -> None:
     assert states.reliable[1 - red].all()
 
 
-def test_prediction_has_every_rollout_and_keeps_the_observed_motion(predictor: StatePredictor) -> None:
+def test_prediction_has_every_rollout_and_keeps_the_observed_motion(predictor: PropNetPredictor) -> None:
     prediction = explained(predictor, tracks())
     assert prediction.observed.location_world.shape == (3, horizon_frame(40) + 1, 2)
     assert not np.isnan(prediction.observed.location_world).any()
@@ -109,12 +109,12 @@ def test_prediction_is_deterministic_and_survives_saving(predictor, tmp_path) ->
     from nsdr.io.checkpoint import save_checkpoint
 
     save_checkpoint(tmp_path, "dynamics", predictor.model.state_dict(), SMALL, {})
-    first, second = explained(predictor, tracks()), explained(StatePredictor.from_checkpoint(tmp_path), tracks())
+    first, second = explained(predictor, tracks()), explained(PropNetPredictor.from_checkpoint(tmp_path), tracks())
     np.testing.assert_array_equal(first.observed.location_world, second.observed.location_world)
     assert first.observed.collisions == second.observed.collisions
 
 
-def test_a_video_with_one_object_or_none(predictor: StatePredictor) -> None:
+def test_a_video_with_one_object_or_none(predictor: PropNetPredictor) -> None:
     one = explained(predictor, track(as_proposals(moving(range(40), RED, 50, 4))))
     assert one.observed.collisions == ()
     none = explained(predictor, VideoTracks(128, ()))
@@ -122,7 +122,7 @@ def test_a_video_with_one_object_or_none(predictor: StatePredictor) -> None:
     assert dict(none.counterfactual) == {}
 
 
-class _Script(StateModel):
+class _Script(PropNet):
     """Moves every object in a straight line; a pair collides when its centres are closer than a diameter."""
 
     def predict(self, window, reliable, static, exists):
@@ -141,7 +141,7 @@ def test_removal_changes_only_what_depends_on_the_removed_object() -> None:
     rows += moving(range(n), BLUE, 300, 0) + moving(range(n), GREEN, 30, 0)
     video = track(as_proposals(rows, n))
     ids = {t.object.color: t.object.id for t in video.tracks}
-    prediction = explained(StatePredictor(_Script(SMALL)), video)
+    prediction = explained(PropNetPredictor(_Script(SMALL)), video)
     hits = [e.objects for e in prediction.observed.collisions if e.frame < n]
     assert hits == [tuple(sorted((ids["red"], ids["blue"])))]
     without_green = prediction.counterfactual[ids["green"]]
@@ -186,7 +186,7 @@ def test_motion_data(tiny_motion) -> None:
 
 def test_rollout_errors_are_small_for_straight_motion() -> None:
     states = states_from_tracks(tracks(n_frames=60))
-    errors = rollout_errors(StatePredictor(_Script(SMALL)), [states], starts=(40,))
+    errors = rollout_errors(PropNetPredictor(_Script(SMALL)), [states], starts=(40,))
     assert errors["rollout_error_10"] < 0.08
     assert np.isnan(errors["rollout_error_50"])
 
@@ -334,7 +334,7 @@ def test_masks_that_are_cut_at_the_top_do_not_delay_an_entrance() -> None:
     assert abs(int(motion.visible[0].argmax()) - first) <= 1
 
 
-def test_an_object_at_the_border_at_the_end_does_not_leave(predictor: StatePredictor) -> None:
+def test_an_object_at_the_border_at_the_end_does_not_leave(predictor: PropNetPredictor) -> None:
     (x, y) = CLEVRER_CAMERA.ground([471.0, 150.0])
     u, v = CLEVRER_CAMERA.pixels([x, y, 0.2])
     box = np.tile([int(u) - 17, int(v) - 17, 480, int(v) + 17], (128, 1))

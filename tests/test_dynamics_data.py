@@ -22,7 +22,7 @@ from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
-from nsdr.training.dynamics import StateModelTask
+from nsdr.training.dynamics import PropNetTask
 from nsdr.training.track_task import DynamicsTraining
 from nsdr.world.camera import CLEVRER_CAMERA
 
@@ -193,7 +193,7 @@ def test_the_index_of_a_scene_decides_whether_it_is_held_out(tiny_motion, tmp_pa
     proposals, truth = renumbered(tiny_motion, [3, 40, 79, 80])
 
     def split(limit: int, run: str = "run") -> tuple[list[int], list[int]]:
-        task = StateModelTask(DynamicsTraining(str(proposals), str(truth), str(tmp_path / run), limit=limit))
+        task = PropNetTask(DynamicsTraining(str(proposals), str(truth), str(tmp_path / run), limit=limit))
         return task.data.scene.tolist(), task.held_out.scene.tolist()
 
     assert split(0) == ([3, 79], [40, 80])

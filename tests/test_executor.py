@@ -325,7 +325,7 @@ def test_the_likelier_of_two_predictions_is_correct(small_scene: Scene) -> None:
     assert [c.answer for c in Executor(small_scene).answer_choices(question, choices).choices] == ["wrong", "wrong"]
     scores = np.zeros((4, 4))
     scores[0, 3] = scores[3, 0] = 0.3
-    scored = Executor(replace(small_scene, unseen_scores=scores), data_set_rules=True)
+    scored = Executor(replace(small_scene, predicted_scores=scores), data_set_rules=True)
     assert [c.answer for c in scored.answer_choices(question, choices).choices] == ["wrong", "correct"]
     # Scores do not matter where the choices are judged differently, and for other questions.
     happens = [("c", possible(GREEN, red_sphere)), ("b", possible(RED_CUBE, red_sphere))]
@@ -336,7 +336,7 @@ def test_the_likelier_of_two_predictions_is_correct(small_scene: Scene) -> None:
 def test_the_rule_of_the_data_set_holds_only_where_it_is_asked_for(small_scene: Scene) -> None:
     red_sphere = "objects red filter_color sphere filter_shape unique"
     choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, red_sphere))]
-    scene = replace(small_scene, unseen_scores=np.full((4, 4), 0.3), uncertain=())
+    scene = replace(small_scene, predicted_scores=np.full((4, 4), 0.3), uncertain=())
     judged = Executor(scene).answer_choices("unseen_events belong_to", choices).choices
     assert [(c.answer, c.probability) for c in judged] == [("wrong", SIMULATED_DOUBT), ("wrong", SIMULATED_DOUBT)]
     ruled = Executor(scene, data_set_rules=True).answer_choices("unseen_events belong_to", choices).choices

@@ -59,7 +59,11 @@ def test_rows_name_the_papers_system() -> None:
     (row,) = (row for row in rows if row.name == "NS-DR, the paper's PropNet on patches")
     assert row.evaluation is not None
     settings = row.evaluation.pipeline()
-    assert (settings.dynamics.backend, settings.question_parser, settings.extensions) == ("paper", "network", False)
+    assert (settings.dynamics.backend, settings.question_parser, settings.extensions) == (
+        "propnet_patches",
+        "network",
+        False,
+    )
 
 
 def test_broken_experiments_are_named(experiment, tmp_path) -> None:

@@ -123,8 +123,8 @@ def test_every_unseen_and_counterfactual_collision_is_found_by_programs(scenes) 
         for i in range(n):
             for j in range(i + 1, n):
                 both = [*one(i), "filter_collision", *one(j), "filter_collision", "exist"]
-                unseen = any(e.objects == (i, j) for e in scene.unseen or ())
-                assert executor.run(["unseen_events", *both]) is unseen
+                predicted = any(e.objects == (i, j) for e in scene.predicted or ())
+                assert executor.run(["unseen_events", *both]) is predicted
                 for removed in set(range(n)) - {i, j}:
                     happens = any(e.objects == (i, j) for e in scene.counterfactual[removed])
                     program = ["all_events", *one(removed), "get_counterfact", *both]
@@ -344,7 +344,7 @@ def test_a_generated_data_set_verifies_clean_and_reads(tiny, capsys) -> None:
     assert truth.n_frames == 40  # the file records its video's length
     assert truth.objects == scene.objects
     assert truth.events == scene.events
-    assert truth.unseen is not None
+    assert truth.predicted is not None
     proposals = split.proposals(1)
     assert proposals.n_frames == 40
     with pytest.warns(UserWarning, match=r"120x80 px|40 frames"):
@@ -571,7 +571,7 @@ def test_statistics_count_the_content_of_scenes(small_scene) -> None:
     counts = count_scenes([small_scene])
     assert counts["collisions"] == {"2": 1.0}
     assert counts["collision_frame"] == {"20": 0.5, "40": 0.5}
-    assert counts["unseen"] == {"1": 1.0}
+    assert counts["predicted"] == {"1": 1.0}
     assert set(released_statistics()) >= {"objects", "collisions", "enters", "exits", "collision_frame"}
 
 

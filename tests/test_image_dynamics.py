@@ -13,9 +13,9 @@ from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.annotations import write_annotation
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.dynamics.motion_states import VideoPixels, states_from_tracks
-from nsdr.dynamics.propnet.layers import PropNet
-from nsdr.dynamics.propnet.patch_model import ImageModel, PatchModelConfig
-from nsdr.dynamics.propnet.patch_predictor import ImagePredictor
+from nsdr.dynamics.propnet.layers import PropagationNetwork
+from nsdr.dynamics.propnet.patch_model import ImagePropNet, PatchPropNetConfig
+from nsdr.dynamics.propnet.patch_predictor import ImagePropNetPredictor
 from nsdr.dynamics.propnet.patches import object_patches
 from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
 from nsdr.dynamics.velocity_events import VelocityEvents
@@ -27,14 +27,14 @@ from nsdr.pipeline import Pipeline
 from nsdr.tracking.tracker import track
 from nsdr.training import dynamics
 from nsdr.training.loop import LoopConfig
-from nsdr.training.patch_dynamics import ImageModelTask
+from nsdr.training.patch_dynamics import ImagePropNetTask
 from nsdr.training.track_task import DynamicsTraining
 from nsdr.world.physics_constants import VIDEO_FRAMES
 from tests.conftest import draw_frame
 from tests.second_device import second_device
 from tests.test_devices import step
 
-SMALL = PatchModelConfig(hidden=16, channels=(4, 8, 8))
+SMALL = PatchPropNetConfig(hidden=16, channels=(4, 8, 8))
 COLLISION_FRAME = 40
 KINDS = (("red", "metal", "sphere"), ("blue", "rubber", "cube"))
 
@@ -119,7 +119,7 @@ def random_inputs(scenes: int = 2, n: int = 3) -> tuple[torch.Tensor, ...]:
 
 
 def test_shapes_and_objects_that_do_not_exist() -> None:
-    model = ImageModel(SMALL).eval()
+    model = ImagePropNet(SMALL).eval()
     boxes, patches, static, exists = random_inputs()
     following, drawn, logits = model(boxes, patches, static, exists)
     assert (following.shape, drawn.shape, logits.shape) == ((2, 3, 4), (2, 3, 4, 24, 24), (2, 3, 3, 3))
@@ -130,11 +130,11 @@ def test_shapes_and_objects_that_do_not_exist() -> None:
     fewer = model(boxes[:, :2], patches[:, :2], static[:, :2], exists[:, :2])
     torch.testing.assert_close(model(boxes, patches, static, gone)[0][:, :2], fewer[0])
     with pytest.raises(DataError, match="patch_cells: expected a multiple of 8"):
-        ImageModel(replace(SMALL, patch_cells=20))
+        ImagePropNet(replace(SMALL, patch_cells=20))
 
 
 def test_the_order_of_objects_does_not_matter() -> None:
-    model = ImageModel(SMALL).eval()
+    model = ImagePropNet(SMALL).eval()
     boxes, patches, static, exists = random_inputs()
     order = torch.tensor([2, 0, 1])
     expected = model(boxes, patches, static, exists)
@@ -146,7 +146,7 @@ def test_the_order_of_objects_does_not_matter() -> None:
 def test_relations_keep_a_state_over_the_propagation_steps() -> None:
     """The second step reads the effects of the first one; the first step reads none."""
     torch.manual_seed(0)
-    network = PropNet(torch.nn.Identity(), torch.nn.Identity(), 2, 2, 8, 2, edge_state=True)
+    network = PropagationNetwork(torch.nn.Identity(), torch.nn.Identity(), 2, 2, 8, 2, edge_state=True)
     objects, relations, exists = torch.rand(1, 2, 8), torch.rand(1, 2, 2, 8), torch.ones(1, 2, dtype=torch.bool)
     before = network(objects, relations, exists)[1]
     with torch.no_grad():
@@ -165,7 +165,7 @@ def test_a_sender_is_seen_where_it_lies_around_the_receiver() -> None:
     patches[:, :, :, 3, 12, 12] = 1.0
     centre = torch.zeros(1, 2, 3, 2)
     centre[:, 1] = torch.tensor([24 / 240, 12 / 160])
-    seen = ImageModel(SMALL)._around_receivers(centre, patches)[0].unflatten(2, (3, 4))
+    seen = ImagePropNet(SMALL)._around_receivers(centre, patches)[0].unflatten(2, (3, 4))
     assert seen[0, 1, 0, 3].argmax().item() == 15 * 24 + 18
     assert seen[1, 0, 0, 3].argmax().item() == 9 * 24 + 6
     torch.testing.assert_close(seen[0, 0], patches[0, 0])
@@ -177,13 +177,13 @@ def test_past_samples_of_a_pair_lie_as_they_lay_then() -> None:
     patches[:, :, :, 3, 12, 12] = 1.0
     centre = torch.zeros(1, 2, 3, 2)
     centre[:, 0, 0, 0] = -24 / 240
-    seen = ImageModel(SMALL)._around_receivers(centre, patches)[0].unflatten(2, (3, 4))
+    seen = ImagePropNet(SMALL)._around_receivers(centre, patches)[0].unflatten(2, (3, 4))
     assert [seen[0, 1, k, 3].argmax().item() for k in range(3)] == [12 * 24 + 18, 12 * 24 + 12, 12 * 24 + 12]
 
 
 def test_before_training_patches_and_sizes_stay() -> None:
     torch.manual_seed(0)
-    model = ImageModel(SMALL).eval()
+    model = ImagePropNet(SMALL).eval()
     boxes, patches, static, exists = random_inputs()
     following, drawn, _ = model(boxes, patches, static, exists)
     torch.testing.assert_close(drawn, patches[:, :, -1], atol=0.03, rtol=0)
@@ -196,11 +196,11 @@ def test_before_training_patches_and_sizes_stay() -> None:
 def training(root: Path, run: Path, **changed) -> DynamicsTraining:
     loop = LoopConfig(batch_size=2, device="cpu")
     values = {"rollout_steps": 2, "noise_world": 0.0, "patches": SMALL, "loop": loop, **changed}
-    return DynamicsTraining(run_dir=str(run), data=str(root), network="paper_images", **values)
+    return DynamicsTraining(run_dir=str(run), data=str(root), network="propnet_images", **values)
 
 
 def test_the_network_learns_a_few_windows(root, tmp_path) -> None:
-    task = ImageModelTask(training(root, tmp_path, rollout_steps=1))
+    task = ImagePropNetTask(training(root, tmp_path, rollout_steps=1))
     batch = task.collate(task.draw(2, np.random.default_rng(0), 0))
     optimizer = torch.optim.Adam(task.model.parameters(), 3e-3)
     history = []
@@ -216,9 +216,9 @@ def test_the_network_learns_a_few_windows(root, tmp_path) -> None:
 
 
 def test_patches_are_kept_and_mirrored_with_the_boxes(root, tmp_path, monkeypatch) -> None:
-    task = ImageModelTask(training(root, tmp_path))
+    task = ImagePropNetTask(training(root, tmp_path))
     monkeypatch.setattr("nsdr.dynamics.propnet.data.read_frames", lambda _: pytest.fail("decoded again"))
-    again = ImageModelTask(training(root, tmp_path))
+    again = ImagePropNetTask(training(root, tmp_path))
     (example,) = task.draw(1, np.random.default_rng(0), 0)
     first, second = (task.collate([example._replace(mirror=m)]) for m in (1.0, -1.0))
     torch.testing.assert_close(again.collate([example._replace(mirror=1.0)])["patches"], first["patches"])
@@ -229,7 +229,7 @@ def test_patches_are_kept_and_mirrored_with_the_boxes(root, tmp_path, monkeypatc
 def test_a_rollout_goes_on_without_images_after_the_video(root) -> None:
     video, proposals, tracks, _ = scene(root)
     torch.manual_seed(0)
-    predictor = ImagePredictor(ImageModel(SMALL))
+    predictor = ImagePropNetPredictor(ImagePropNet(SMALL))
     fed, drawn = [], []
     forward = predictor.model.forward
 
@@ -249,13 +249,13 @@ def test_a_rollout_goes_on_without_images_after_the_video(root) -> None:
     assert all(p.shape[2:] == (3, 4, 24, 24) for p in fed)
     for back in (1, 2, 3):  # the last step reads what the three before it have drawn
         torch.testing.assert_close(fed[-1][:, :, -back], drawn[-1 - back])
-    with pytest.raises(DataError, match="'paper_images' reads images; give videos"):
+    with pytest.raises(DataError, match="'propnet_images' reads images; give videos"):
         predictor.explain(states_from_tracks(tracks))
 
 
 def test_training_writes_a_checkpoint_that_a_backend_reads(root, tmp_path) -> None:
     sizes = ["--patches.hidden", "16", "--patches.channels", "[4, 8, 8]", "--loop.batch_size", "2"]
-    data = ["--network", "paper_images", "--data", str(root), "--run_dir", str(tmp_path / "run")]
+    data = ["--network", "propnet_images", "--data", str(root), "--run_dir", str(tmp_path / "run")]
     few = ["--rollout_steps", "2", "--loop.steps", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
     output = dynamics.main([*data, *sizes, *few])
     last = json.loads((tmp_path / "run" / "metrics.jsonl").read_text().splitlines()[-1])
@@ -264,9 +264,9 @@ def test_training_writes_a_checkpoint_that_a_backend_reads(root, tmp_path) -> No
     assert 0 < last["image_error_1"] < 0.2
     assert 0 < last["image_error_5_kept"] < 0.2
     settings = tmp_path / "images.yaml"
-    settings.write_text(f"backend: paper_images\nweights: {output}\n")
+    settings.write_text(f"backend: propnet_images\nweights: {output}\n")
     backend = load_backend(Path("none"), str(settings))
-    assert isinstance(backend, ImagePredictor)
+    assert isinstance(backend, ImagePropNetPredictor)
     assert checkpoint_folders(Path("none"), backend_settings(str(settings))) == [Path("none"), Path(output)]
     video, proposals, _, _ = scene(root)
 
@@ -284,8 +284,8 @@ def test_training_writes_a_checkpoint_that_a_backend_reads(root, tmp_path) -> No
 
 def test_an_evaluation_gives_the_videos_of_proposals_to_a_backend_on_images(root, tmp_path) -> None:
     weights = tmp_path / "weights"
-    save_checkpoint(weights, "dynamics", ImageModel(SMALL).state_dict(), SMALL, {})
-    (tmp_path / "images.yaml").write_text(f"backend: paper_images\nweights: {weights}\n")
+    save_checkpoint(weights, "dynamics", ImagePropNet(SMALL).state_dict(), SMALL, {})
+    (tmp_path / "images.yaml").write_text(f"backend: propnet_images\nweights: {weights}\n")
     program = ("objects", "cube", "filter_shape", "count")
     count = Question(0, "How many cubes are there?", "descriptive", "count", program, "1", ())
     write_questions(tmp_path / "questions.json", [SceneQuestions(0, "video_00000.mp4", (count,))])
@@ -311,11 +311,11 @@ def test_an_evaluation_gives_the_videos_of_proposals_to_a_backend_on_images(root
 
 
 def test_the_shipped_weights_stand_for_the_default_checkpoint(root) -> None:
-    backend = load_backend(find_checkpoint(), "paper_images")
-    assert isinstance(backend, ImagePredictor)
+    backend = load_backend(find_checkpoint(), "propnet_images")
+    assert isinstance(backend, ImagePropNetPredictor)
     assert (backend.config.hidden, backend.config.patch_cells) == (512, 24)
-    assert checkpoint_folders(find_checkpoint(), backend_settings("paper_images"))[1:] == [
-        find_checkpoint("dynamics_paper_images")
+    assert checkpoint_folders(find_checkpoint(), backend_settings("propnet_images"))[1:] == [
+        find_checkpoint("propnet_images")
     ]
     video, proposals, tracks, _ = scene(root)
     prediction = backend.explain(states_from_tracks(tracks, VideoPixels(read_frames(video), proposals, tracks)))
@@ -323,18 +323,18 @@ def test_the_shipped_weights_stand_for_the_default_checkpoint(root) -> None:
 
 
 def test_settings_that_would_do_nothing_are_refused(tmp_path) -> None:
-    with pytest.raises(DataError, match="proposals: does nothing with network 'paper_images'"):
-        DynamicsTraining("p.npz", "", str(tmp_path), data="d", network="paper_images")
-    with pytest.raises(DataError, match="data: does nothing with network 'state'"):
+    with pytest.raises(DataError, match="proposals: does nothing with network 'propnet_images'"):
+        DynamicsTraining("p.npz", "", str(tmp_path), data="d", network="propnet_images")
+    with pytest.raises(DataError, match="data: does nothing with network 'propnet'"):
         DynamicsTraining("p.npz", "t.json.gz", str(tmp_path), data="d")
     with pytest.raises(DataError, match="data: expected a path, got ''"):
-        DynamicsTraining(run_dir=str(tmp_path), network="paper_images")
+        DynamicsTraining(run_dir=str(tmp_path), network="propnet_images")
     with pytest.raises(DataError, match="weights would do nothing with dynamics 'physics'"):
         backend_settings(BackendConfig(weights="somewhere"))
 
 
 def test_it_runs_where_its_weights_are(root, tmp_path) -> None:
-    task = ImageModelTask(training(root, tmp_path))
+    task = ImagePropNetTask(training(root, tmp_path))
     start = {name: value.clone() for name, value in task.model.state_dict().items()}
     expected = step(task, "cpu")
     task.model.load_state_dict(start)

@@ -237,14 +237,14 @@ def test_paper_semantics_of_the_same_file(document: dict[str, Any]) -> None:
     assert executor.run("events objects filter_collision count") == 1
     assert executor.run("end get_frame") == 127
     assert executor.run("events objects filter_out count") == 1
-    assert [e.frame for e in scene.unseen or ()] == [150]
+    assert [e.frame for e in scene.predicted or ()] == [150]
     assert {k: len(v) for k, v in (scene.counterfactual or {}).items()} == {0: 0, 1: 1, 2: 1}
 
 
 def test_our_predictions_are_written_as_a_prediction_file(tmp_path) -> None:
-    from nsdr import StatePredictor
+    from nsdr import PropNetPredictor
 
-    prediction = StatePredictor(_Script(SMALL)).explain(states_from_tracks(tracks(128))).prediction
+    prediction = PropNetPredictor(_Script(SMALL)).explain(states_from_tracks(tracks(128))).prediction
     written = predictions_document(prediction)
     convert(written, PredictionFile)
     write_json(tmp_path / "sim_00000.json", written)

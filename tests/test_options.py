@@ -9,8 +9,8 @@ from nsdr.clevrer.example import TRUTH, VIDEO
 from nsdr.cli.common import failures_line
 from nsdr.cli.main import main, outcome_of
 from nsdr.dynamics.physics.config import PhysicsConfig
-from nsdr.dynamics.propnet.patch_model import PatchModelConfig
-from nsdr.dynamics.propnet.state_model import StateModelConfig
+from nsdr.dynamics.propnet.patch_model import PatchPropNetConfig
+from nsdr.dynamics.propnet.state_model import PropNetConfig
 from nsdr.dynamics.registry import BackendConfig
 from nsdr.evaluation import EvaluationConfig
 from nsdr.evaluation.experiments import read_experiment
@@ -47,9 +47,9 @@ NAN, INF = float("nan"), float("inf")
         (PhysicsConfig, {"runs": 0}, "runs"),
         (PhysicsConfig, {"yaw_noise": -1.0}, "yaw_noise"),
         (PhysicsConfig, {"restarts": -1}, "restarts"),
-        (StateModelConfig, {"hidden": 10**9}, "hidden"),
-        (StateModelConfig, {"collision_threshold": True}, "collision_threshold"),
-        (PatchModelConfig, {"channels": (16, 0, 64)}, "channels"),
+        (PropNetConfig, {"hidden": 10**9}, "hidden"),
+        (PropNetConfig, {"collision_threshold": True}, "collision_threshold"),
+        (PatchPropNetConfig, {"channels": (16, 0, 64)}, "channels"),
         (FrameParserConfig, {"widths": (16, -16, 16, 16)}, "widths"),
         (FrameParserConfig, {"image_std": (0.1, 0.0, 0.1)}, "image_std"),
         (FrameParserConfig, {"backbone": "zebra"}, "backbone"),

@@ -106,7 +106,7 @@ def test_configurations_of_a_wheel_are_found_by_name(package, tmp_path, monkeypa
     shipped = tmp_path / ("local" if package.startswith("local") else "") / "share" / "nsdr" / "configs" / "pipeline"
     shipped.mkdir(parents=True)
     shutil.copy(Path(__file__).parents[1] / "configs" / "pipeline" / "paper.yaml", shipped)
-    assert pipeline_settings("paper").dynamics.backend == "paper"
+    assert pipeline_settings("paper").dynamics.backend == "propnet_patches"
     with pytest.raises(DataError, match=r"no configuration .papier. ships; expected a YAML file, or one of paper$"):
         pipeline_settings("papier")
     assert find_config("mine/paper", "pipeline") == Path("mine/paper")

@@ -152,7 +152,7 @@ def test_a_split_is_evaluated_again_from_what_is_kept(videos, tmp_path, capsys, 
     assert errors[10000] == errors[10001] == ""
     failures = json.loads(next((tmp_path / "cache").rglob("failures.json")).read_text())
     assert sorted(failures) == ["10002"]  # 10003 has no video to work on
-    assert main([*command, str(tmp_path / "other.json"), "--limit", "1", "--dynamics", "state"]) == 0
+    assert main([*command, str(tmp_path / "other.json"), "--limit", "1", "--dynamics", "propnet"]) == 0
     assert len(list((tmp_path / "cache").rglob("scene_*.json"))) == 3  # another configuration, another folder
 
 
@@ -214,7 +214,10 @@ def test_every_setting_of_an_evaluation_is_an_option(capsys) -> None:
         (["--source", "truth", "--every", "0"], "every`"),
         (["--source", "truth", "--set", "tracker.score"], "expected key=value"),
         (["--source", "truth", "--split", "train"], "split train is of --root and does nothing without it"),
-        (["--source", "predictions", "--semantics", "official", "--dynamics", "state"], "--dynamics would do nothing"),
+        (
+            ["--source", "predictions", "--semantics", "official", "--dynamics", "propnet"],
+            "--dynamics would do nothing",
+        ),
         (
             ["--source", "predictions", "--semantics", "official", "--truth_source", "truth", "--truth", "x"],
             "--truth_source would do nothing",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import CheckpointError, DataError, DynamicsPrediction, Event, Remove, StatePredictor, states_from_tracks
+from nsdr import CheckpointError, DataError, DynamicsPrediction, Event, PropNetPredictor, Remove, states_from_tracks
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
 from nsdr.dynamics.physics.body_state import POSITION, VELOCITY, YAW
@@ -16,10 +16,10 @@ from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
 from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchModel, PatchModelConfig
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchPropNet, PatchPropNetConfig
+from nsdr.dynamics.propnet.patch_predictor import PatchPropNetPredictor
 from nsdr.dynamics.propnet.patches import patch_boxes
-from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
+from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
 from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
 from nsdr.dynamics.velocity_events import VelocityEvents, collisions_from_motion
 from nsdr.io.checkpoint import find_checkpoint
@@ -234,15 +234,15 @@ def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
 
 
 @pytest.fixture
-def observer() -> StatePredictor:
+def observer() -> PropNetPredictor:
     torch.manual_seed(0)
-    return StatePredictor(StateModel(StateModelConfig(hidden=16, collision_threshold=0.999)))
+    return PropNetPredictor(PropNet(PropNetConfig(hidden=16, collision_threshold=0.999)))
 
 
 @pytest.fixture
-def paper() -> PatchPredictor:
+def paper() -> PatchPropNetPredictor:
     torch.manual_seed(0)
-    return PatchPredictor(PatchModel(PatchModelConfig(hidden=16, collision_threshold=0.9)))
+    return PatchPropNetPredictor(PatchPropNet(PatchPropNetConfig(hidden=16, collision_threshold=0.9)))
 
 
 def _first_detection(track: Track) -> Track:
@@ -251,10 +251,10 @@ def _first_detection(track: Track) -> Track:
     return replace(track, frame_index=np.zeros(1, int), **{name: getattr(track, name)[:1] for name in names})
 
 
-@pytest.mark.parametrize("name", ["physics", "state", "paper", "velocity"])
-def test_backends_keep_the_contract(name: str, observer: StatePredictor, paper: PatchPredictor) -> None:
+@pytest.mark.parametrize("name", ["physics", "propnet", "propnet_patches", "velocity"])
+def test_backends_keep_the_contract(name: str, observer: PropNetPredictor, paper: PatchPropNetPredictor) -> None:
     physics = PhysicsPredictor(observer, PhysicsConfig(runs=3))
-    backend = {"paper": paper, "state": observer, "velocity": VelocityEvents(physics)}.get(name, physics)
+    backend = {"propnet_patches": paper, "propnet": observer, "velocity": VelocityEvents(physics)}.get(name, physics)
     video = tracks(60)
     prediction = backend.explain(states_from_tracks(video)).prediction
     assert prediction.observed.location_world.shape == (3, 85, 2)
@@ -272,14 +272,14 @@ def test_backends_keep_the_contract(name: str, observer: StatePredictor, paper: 
     assert len(backend.explain(states_from_tracks(image)).observed.location_world) == 3
 
 
-def test_physics_predicts_a_meeting_after_the_video(observer: StatePredictor) -> None:
+def test_physics_predicts_a_meeting_after_the_video(observer: PropNetPredictor) -> None:
     start = bodies(("sphere", -3.6, 0.0, 1.0, 0.0), ("sphere", 0.5, 0.0, 0.0, 0.0), ("sphere", 0.0, -1.5, 0.0, 0.0))
     explanation = PhysicsPredictor(observer, PhysicsConfig(runs=10)).explain(seen(run(start), start.shape))
     rollout = explanation.rollout(frames=180)
     assert [e.objects for e in rollout.collisions] == [(0, 1)]
     assert rollout.collisions[0].frame == pytest.approx(run(start, 180).contacts[0, 0, 1], abs=2)
-    assert rollout.unseen_scores is not None
-    assert rollout.unseen_scores[0, 1] > 0.8 > 0.1 > rollout.unseen_scores[0, 2] > 0
+    assert rollout.predicted_scores is not None
+    assert rollout.predicted_scores[0, 1] > 0.8 > 0.1 > rollout.predicted_scores[0, 2] > 0
 
 
 class Detector:
@@ -390,7 +390,7 @@ class Clock(torch.nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.config = PatchModelConfig()
+        self.config = PatchPropNetConfig()
 
     def forward(
         self, boxes: torch.Tensor, static: torch.Tensor, exists: torch.Tensor
@@ -414,14 +414,14 @@ def clock_states(first_seen: int) -> MotionStates:
 
 
 def test_the_papers_observer_sees_collisions_by_what_comes_after_them() -> None:
-    events = PatchPredictor(Clock()).observed_collisions(clock_states(0))  # type: ignore[arg-type]
+    events = PatchPropNetPredictor(Clock()).observed_collisions(clock_states(0))  # type: ignore[arg-type]
     assert [e.objects for e in events] == [(0, 1)]
     assert events[0].frame == pytest.approx(60, abs=3)
 
 
 def test_late_objects_enter_the_papers_rollouts_from_observation() -> None:
     states = clock_states(31)
-    removals = PatchPredictor(Clock()).explain(states).counterfactual  # type: ignore[arg-type]
+    removals = PatchPropNetPredictor(Clock()).explain(states).counterfactual  # type: ignore[arg-type]
     without_0, without_1 = removals[0], removals[1]
     assert np.isnan(without_0.location_world[1, :31]).all()
     assert np.isnan(without_1.location_world[1]).all()
@@ -431,7 +431,7 @@ def test_late_objects_enter_the_papers_rollouts_from_observation() -> None:
 
 def test_the_patch_network_is_permutation_equivariant_and_draws_masks() -> None:
     torch.manual_seed(0)
-    model = PatchModel(PatchModelConfig(hidden=16))
+    model = PatchPropNet(PatchPropNetConfig(hidden=16))
     boxes, static = torch.rand(1, 4, 3, 4) * 0.5, torch.rand(1, 4, 5)
     exists, order = torch.ones(1, 4, dtype=torch.bool), torch.tensor([2, 0, 3, 1])
     positions, logits = model(boxes, static, exists)
@@ -446,18 +446,18 @@ def test_the_patch_network_is_permutation_equivariant_and_draws_masks() -> None:
 def test_backends_are_found_by_name_or_file(tmp_path) -> None:
     folder = find_checkpoint()
     assert isinstance(load_backend(folder), PhysicsPredictor)
-    assert isinstance(load_backend(folder, "state"), StatePredictor)
+    assert isinstance(load_backend(folder, "propnet"), PropNetPredictor)
     file = tmp_path / "mine.yaml"
-    file.write_text("backend: state\ncollisions: velocity\n")
+    file.write_text("backend: propnet\ncollisions: velocity\n")
     backend = load_backend(folder, file)
     assert isinstance(backend, VelocityEvents)
-    assert isinstance(backend.backend, StatePredictor)
+    assert isinstance(backend.backend, PropNetPredictor)
     assert load_backend(folder, "configs/dynamics/physics.yaml").config == PhysicsConfig()  # type: ignore[attr-defined]
     file.write_text("backend: physics\nphysics: {runs: 7}\n")
     physics = load_backend(folder, file)
     assert isinstance(physics, PhysicsPredictor)
     assert physics.config.runs == 7
-    with pytest.raises(DataError, match="'magic': expected one of physics, state, paper"):
+    with pytest.raises(DataError, match="'magic': expected one of physics, propnet, propnet_patches"):
         load_backend(folder, "magic")
     with pytest.raises(DataError, match=r"predicted\|velocity.*collisions"):
         load_backend(folder, BackendConfig(collisions="none"))
@@ -467,7 +467,7 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
     ("text", "message"),
     [
         ("physics: {smoothing: {min_frames: 5}}", "smoothing"),
-        ("backend: state\nphysics: {runs: 5}", "physics would do nothing with dynamics 'state'"),
+        ("backend: propnet\nphysics: {runs: 5}", "physics would do nothing with dynamics 'propnet'"),
     ],
 )
 def test_settings_that_would_do_nothing_are_refused(tmp_path, text: str, message: str) -> None:
@@ -476,48 +476,50 @@ def test_settings_that_would_do_nothing_are_refused(tmp_path, text: str, message
         backend_settings(tmp_path / "mine.yaml")
 
 
-def test_the_papers_backend_takes_the_checkpoint_it_is_given(paper: PatchPredictor, tmp_path) -> None:
+def test_the_papers_backend_takes_the_checkpoint_it_is_given(paper: PatchPropNetPredictor, tmp_path) -> None:
     paper.save_pretrained(tmp_path)
-    config = BackendConfig("paper")
+    config = BackendConfig("propnet_patches")
     assert load_backend(tmp_path, config).config == paper.config  # type: ignore[attr-defined]
     assert checkpoint_folders(tmp_path, config) == [tmp_path]
     default = find_checkpoint()
     assert load_backend(default, config).config.hidden == 512  # type: ignore[attr-defined]
-    assert checkpoint_folders(default, config) == [default, find_checkpoint("dynamics_paper")]
+    assert checkpoint_folders(default, config) == [default, find_checkpoint("propnet_patches")]
 
 
-def test_weights_of_ones_own_need_no_shipped_ones(paper: PatchPredictor, tmp_path, monkeypatch) -> None:
+def test_weights_of_ones_own_need_no_shipped_ones(paper: PatchPropNetPredictor, tmp_path, monkeypatch) -> None:
     paper.save_pretrained(tmp_path)
 
     def none_ships(name: str = "default") -> None:
         raise CheckpointError(f"no checkpoint {name}")
 
     monkeypatch.setattr("nsdr.dynamics.registry.find_checkpoint", none_ships)
-    assert load_backend(tmp_path, "paper").config == paper.config  # type: ignore[attr-defined]
+    assert load_backend(tmp_path, "propnet_patches").config == paper.config  # type: ignore[attr-defined]
 
 
-def test_checkpoints_of_another_network_are_named(observer: StatePredictor, paper: PatchPredictor, tmp_path) -> None:
-    observer.save_pretrained(tmp_path / "state")
-    paper.save_pretrained(tmp_path / "paper")
+def test_checkpoints_of_another_network_are_named(
+    observer: PropNetPredictor, paper: PatchPropNetPredictor, tmp_path
+) -> None:
+    observer.save_pretrained(tmp_path / "propnet")
+    paper.save_pretrained(tmp_path / "propnet_patches")
     with pytest.raises(
-        CheckpointError, match=r"state/dynamics\.json: expected a network of PatchModelConfig.*side_steps"
+        CheckpointError, match=r"propnet/dynamics\.json: expected a network of PatchPropNetConfig.*side_steps"
     ):
-        load_backend(tmp_path / "state", "paper")
+        load_backend(tmp_path / "propnet", "propnet_patches")
     with pytest.raises(
-        CheckpointError, match=r"paper/dynamics\.json: expected a network of StateModelConfig.*patch_cells"
+        CheckpointError, match=r"propnet_patches/dynamics\.json: expected a network of PropNetConfig.*patch_cells"
     ):
-        load_backend(tmp_path / "paper", "state")
-    description = tmp_path / "state" / "dynamics.json"
+        load_backend(tmp_path / "propnet_patches", "propnet")
+    description = tmp_path / "propnet" / "dynamics.json"
     for old, new, reason in (
         ('"hidden": 16', '"hidden": 8', "size mismatch"),
         ('"hidden": 8', '"hidden": "x"', "hidden"),
     ):
         description.write_text(description.read_text().replace(old, new))
         with pytest.raises(CheckpointError, match=rf"dynamics\.json: .*{reason}"):
-            StatePredictor.from_checkpoint(tmp_path / "state")
+            PropNetPredictor.from_checkpoint(tmp_path / "propnet")
 
 
 def test_too_short_a_past_is_refused() -> None:
-    assert StateModel(StateModelConfig(hidden=4, past_steps=4)).config.past_steps == 4
+    assert PropNet(PropNetConfig(hidden=4, past_steps=4)).config.past_steps == 4
     with pytest.raises(DataError, match=r"past_steps`"):
-        StateModelConfig(past_steps=3)
+        PropNetConfig(past_steps=3)

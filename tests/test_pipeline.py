@@ -273,7 +273,7 @@ def test_a_replaced_part_takes_effect(pipeline: Pipeline, perception: Perception
 def test_the_papers_system_has_the_papers_parts(perception: Perception) -> None:
     paper = Pipeline.from_pretrained(config="paper")
     parts = (paper.frame_parser, paper.dynamics, paper.question_parser)
-    assert [type(part).__name__ for part in parts] == ["FrameParser", "PatchPredictor", "QuestionParser"]
+    assert [type(part).__name__ for part in parts] == ["FrameParser", "PatchPropNetPredictor", "QuestionParser"]
     with pytest.raises(QuestionError, match="unknown word 'heavier'"):  # nothing beyond CLEVRER's questions
         paper.answer(VIDEO, "Is the brown cube heavier than the purple cube?")
     scene = paper.perceive(proposals=perception.proposals).scene
@@ -297,7 +297,7 @@ def test_a_pipeline_is_saved_and_loaded(pipeline: Pipeline, perception: Percepti
 
 
 def test_a_saved_pipeline_is_loaded_with_its_backend(tmp_path: Path) -> None:
-    Pipeline.from_pretrained(dynamics="state").save_pretrained(tmp_path / "m")
-    assert type(Pipeline.from_pretrained(tmp_path / "m", dynamics="state").dynamics).__name__ == "StatePredictor"
-    with pytest.raises(CheckpointError, match=r"m: has no collisions\.safetensors.*--dynamics state"):
+    Pipeline.from_pretrained(dynamics="propnet").save_pretrained(tmp_path / "m")
+    assert type(Pipeline.from_pretrained(tmp_path / "m", dynamics="propnet").dynamics).__name__ == "PropNetPredictor"
+    with pytest.raises(CheckpointError, match=r"m: has no collisions\.safetensors.*--dynamics propnet"):
         Pipeline.from_pretrained(tmp_path / "m")

@@ -133,11 +133,11 @@ def test_parts_that_return_something_else_are_named(example_scene, short_video) 
 
 def test_unknown_names_and_broken_packages_are_named(capsys) -> None:
     assert main(["answer", str(VIDEO), "-q", "How many collisions happen?", "--dynamics", "zebra"]) == 2
-    assert "dynamics backend (or YAML file) 'zebra': expected one of physics, state, paper" in capsys.readouterr().err
+    assert "dynamics backend (or YAML file) 'zebra': expected one of physics, propnet, propnet_patches" in capsys.readouterr().err
     parts: Registry[object] = Registry("part", "nsdr.nothing", {"broken": "nsdr.nowhere:thing"})
     with pytest.raises(nsdr.DataError, match=r"part 'broken': cannot load nsdr\.nowhere:thing"):
         parts["broken"]
-    assert BACKENDS.names()[:3] == ["physics", "state", "paper"]
+    assert BACKENDS.names()[:3] == ["physics", "propnet", "propnet_patches"]
 
 
 @pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128")

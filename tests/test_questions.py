@@ -187,11 +187,11 @@ def many_scenes(n: int) -> list[tuple[int, str, Scene]]:
         rng.shuffle(pairs)
         for pair in pairs[: rng.randrange(1, 4)]:
             events.append(Event("collision", rng.randrange(60, 127), pair))
-        unseen = tuple(Event("collision", rng.randrange(128, 179), p) for p in pairs[3:5])
+        predicted = tuple(Event("collision", rng.randrange(128, 179), p) for p in pairs[3:5])
         without = {
             i: tuple(Event("collision", 100, p) for p in pairs if i not in p and rng.random() < 0.4) for i in range(k)
         }
-        result.append((number, "v", Scene(objects, 128, visible, moving, tuple(events), unseen, without)))
+        result.append((number, "v", Scene(objects, 128, visible, moving, tuple(events), predicted, without)))
     return result
 
 

@@ -24,7 +24,7 @@ CHOICE = f"all_events {HIT.format('green')} {HIT.format('blue')} unique"
 
 def scene(counterfactual) -> Scene:
     everywhere = np.ones((3, 128), bool)
-    return Scene(OBJECTS, 128, everywhere, everywhere, HITS, unseen=(), counterfactual=counterfactual)
+    return Scene(OBJECTS, 128, everywhere, everywhere, HITS, predicted=(), counterfactual=counterfactual)
 
 
 def asked(answer: str) -> SceneQuestions:

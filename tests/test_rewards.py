@@ -283,7 +283,7 @@ def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) 
     text = "Frame 3: the cube enters.\n<answer>1</answer>"
     paths = [tmp_path / "annotation.json", tmp_path / "truth.json", tmp_path / "scene.json"]
     assert [evidence([text], **evidence_columns(path))[0] for path in paths] == [1, 1, 0]
-    assert read_scene(str(tmp_path / "annotation.json")).unseen is None
+    assert read_scene(str(tmp_path / "annotation.json")).predicted is None
     assert len(read_scene(str(TRUTH)).objects) == len(example_scene.objects)
     with pytest.raises(DataError, match=r"other\.json: .*`scene_index`"):
         evidence([text], **evidence_columns(tmp_path / "other.json"))

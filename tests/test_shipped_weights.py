@@ -16,7 +16,7 @@ from nsdr.training import dynamics
 
 
 def test_the_mean_of_the_initial_and_the_trained_weights(tiny_motion, tmp_path) -> None:
-    small = ["--network", "paper", "--patches.hidden", "8", "--loop.batch_size", "2", "--loop.steps", "2"]
+    small = ["--network", "propnet_patches", "--patches.hidden", "8", "--loop.batch_size", "2", "--loop.steps", "2"]
     small += ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--loop.warmup_steps", "0"]
 
     def trained(name: str, *options: str) -> dict[str, torch.Tensor]:
@@ -63,7 +63,7 @@ def test_the_recipes_make_every_shipped_weight(tiny_frames, tiny_motion, tmp_pat
         assert main([*arguments, *SMALLER.get(arguments[1], "").split()]) == 0
     names = ("truth/mac", "truth/mac_objects", "truth/tbd", "truth/tvqa", "pixels/mac_objects")
     baselines = [f"baselines/{name}" for name in names]
-    for shipped in ("default", "dynamics_paper", "dynamics_paper_images", *baselines):
+    for shipped in ("default", "propnet_patches", "propnet_images", *baselines):
         made = {path.name for path in (weights / shipped).iterdir()}
         assert made == {path.name for path in (root / "checkpoints" / shipped).iterdir()} - {"README.md"}
     card = json.loads((weights / "default" / "frame_parser.json").read_text())

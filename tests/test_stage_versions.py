@@ -76,7 +76,7 @@ def _physics() -> Any:
 
 
 def _propnet() -> Any:
-    made = nsdr.StatePredictor.from_pretrained(device="cpu").explain(nsdr.states_from_tracks(_perception().tracks))
+    made = nsdr.PropNetPredictor.from_pretrained(device="cpu").explain(nsdr.states_from_tracks(_perception().tracks))
     return [_events(made.observed.collisions), _places(made.observed.location_world, (0, 60, 120))]
 
 
@@ -84,7 +84,12 @@ def _dynamics() -> Any:
     made = _perception().explanation.prediction
     scene = scene_from_prediction(made)
     by_velocity = collisions_from_motion(made.observed)
-    return [[o.name for o in scene.objects], _events(scene.events), _events(scene.unseen or ()), _events(by_velocity)]
+    return [
+        [o.name for o in scene.objects],
+        _events(scene.events),
+        _events(scene.predicted or ()),
+        _events(by_velocity),
+    ]
 
 
 def _texts() -> Iterator[tuple[str, str, tuple[str, ...]]]:

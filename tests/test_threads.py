@@ -13,7 +13,7 @@ import torch
 from threadpoolctl import ThreadpoolController
 from torch.nn.modules.module import register_module_forward_pre_hook
 
-from nsdr import PatchPredictor, QuestionParser, StatePredictor, states_from_tracks
+from nsdr import PatchPropNetPredictor, PropNetPredictor, QuestionParser, states_from_tracks
 from nsdr.dynamics.physics import trajectory_fit
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.frame_parser.parser import FrameParser
@@ -49,7 +49,7 @@ def used() -> Iterator[Used]:
     assert after == (3, 3)
 
 
-@pytest.mark.parametrize("part", [StatePredictor, PatchPredictor])
+@pytest.mark.parametrize("part", [PropNetPredictor, PatchPropNetPredictor])
 def test_dynamics_networks_run_on_one_thread(used: Used, part: type[Any]) -> None:
     assert part.from_pretrained(device="cpu").explain(states_from_tracks(tracks(20))).prediction
     assert used == {(1, 1)}
@@ -63,7 +63,7 @@ def test_the_fit_runs_on_one_thread(used: Used, monkeypatch: pytest.MonkeyPatch)
         return solve(*arguments)
 
     monkeypatch.setattr(trajectory_fit, "minimise", noted)
-    PhysicsPredictor(StatePredictor.from_pretrained(device="cpu")).explain(states_from_tracks(tracks(20)))
+    PhysicsPredictor(PropNetPredictor.from_pretrained(device="cpu")).explain(states_from_tracks(tracks(20)))
     assert used == {(1, 1)}
 
 

@@ -14,8 +14,8 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from nsdr import DataError, FrameParser, MachineError, QuestionParser, StatePredictor
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
+from nsdr import DataError, FrameParser, MachineError, PropNetPredictor, QuestionParser
+from nsdr.dynamics.propnet.patch_predictor import PatchPropNetPredictor
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.device import CPU_CHECK
 from nsdr.training import dynamics, frame_parser, question_parser
@@ -58,17 +58,17 @@ def test_frame_parser_trains_and_its_checkpoint_loads(tiny_frames, tmp_path) -> 
 def test_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_path) -> None:
     arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run_dir", str(tmp_path / "run")]
     output = dynamics.main([*arguments, *LOOP, "--loop.steps", "3", "--model.hidden", "16"])
-    StatePredictor.from_checkpoint(output)
+    PropNetPredictor.from_checkpoint(output)
     assert {"loss/motion", "loss/collision", "loss/observed", "collision_f1"} <= set(lines(tmp_path / "run")[-1])
 
 
 def test_the_papers_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_path) -> None:
     arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run_dir", str(tmp_path / "run")]
-    small = ["--network", "paper", "--patches.hidden", "16", "--rollout_steps", "2"]
+    small = ["--network", "propnet_patches", "--patches.hidden", "16", "--rollout_steps", "2"]
     output = dynamics.main([*arguments, *LOOP, "--loop.steps", "3", *small])
-    PatchPredictor.from_checkpoint(output)
+    PatchPropNetPredictor.from_checkpoint(output)
     assert {"loss/motion", "loss/collision", "collision_f1", "rollout_error_25_p90"} <= set(lines(tmp_path / "run")[-1])
-    with pytest.raises(DataError, match=r"network.*'paper_images'.*big"):
+    with pytest.raises(DataError, match=r"network.*'propnet_images'.*big"):
         dynamics.main([*arguments, "--network", "big"])
 
 
@@ -180,7 +180,7 @@ class _ReachedError(Exception):
     ("part", "tasks"),
     [
         (frame_parser, ["FrameParserTask"]),
-        (dynamics, ["StateModelTask", "PatchModelTask", "ImageModelTask"]),
+        (dynamics, ["PropNetTask", "PatchPropNetTask", "ImagePropNetTask"]),
         (question_parser, ["QuestionParserTask"]),
     ],
 )
@@ -268,7 +268,7 @@ def test_two_processes_train_one_model_as_one_process_with_twice_the_batch(tiny_
     two = subprocess.Popen([*launch, script, *data, str(tmp_path / "two"), "3"], env=environment)
     one = subprocess.run([sys.executable, script, *data, str(tmp_path / "one"), "6"], env=environment)
     assert (one.returncode, two.wait(300)) == (0, 0)
-    for network in ("state", "paper", "question_parser"):
+    for network in ("propnet", "propnet_patches", "question_parser"):
         files = [tmp_path / "two" / f"{network}_0.pt", tmp_path / "two" / f"{network}_1.pt"]
         first, second, alone = map(torch.load, [*files, tmp_path / "one" / f"{network}_0.pt"])
         torch.testing.assert_close(first, second, rtol=0, atol=0)

@@ -71,7 +71,7 @@ def test_types_with_arrays_are_compared_by_value(small_scene: Scene) -> None:
     assert track(proposals()) == track(proposals())
     assert rollout() == rollout()
     assert rollout() != rollout(1.0)
-    assert replace(rollout(), unseen_scores=np.zeros((1, 1))) != rollout()
+    assert replace(rollout(), predicted_scores=np.zeros((1, 1))) != rollout()
     assert prediction() == prediction()
     assert prediction() != prediction(1.0)
     assert small_scene == replace(small_scene, visible=small_scene.visible.copy())

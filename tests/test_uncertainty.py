@@ -106,7 +106,7 @@ def test_possible_scenes_have_each_collision_as_often_as_its_probability_says(sm
 
     assert share(lambda s: HIT in s.events) == 0.75
     assert share(lambda s: MAYBE in s.events) == 0.25
-    assert share(lambda s: later in s.unseen) == 0.5
+    assert share(lambda s: later in s.predicted) == 0.5
     assert share(lambda s: HIT in s.counterfactual[2]) == 0.125
     assert share(lambda s: HIT in s.counterfactual[3]) == 1.0  # that is certain
     assert all(s.uncertain is None for _, s in drawn)
@@ -208,17 +208,17 @@ def test_one_of_two_predictions_is_correct(small_scene: Scene) -> None:
     scores[0, 2] = scores[2, 0] = 0.1
     scores[0, 3] = scores[3, 0] = 0.3
     choices = [("a", possible(RED_CUBE, GREEN)), ("b", possible(RED_CUBE, RED_SPHERE))]
-    scene = replace(small_scene, unseen_scores=scores, uncertain=())
+    scene = replace(small_scene, predicted_scores=scores, uncertain=())
     first, second = Executor(scene, data_set_rules=True).answer_choices("unseen_events belong_to", choices).choices
     assert (first.answer, second.answer) == ("wrong", "correct")
     assert second.probability == pytest.approx(0.3 * 0.9 / (0.3 * 0.9 + 0.1 * 0.7))
     assert first.probability == pytest.approx(1 - second.probability)
-    equal = replace(scene, unseen_scores=np.zeros((4, 4)))
+    equal = replace(scene, predicted_scores=np.zeros((4, 4)))
     nothing = Executor(equal, data_set_rules=True).answer_choices("unseen_events belong_to", choices).choices
     assert [c.probability for c in nothing] == [0.5, 0.5]
     one = np.zeros((4, 4))
     one[0, 3] = one[3, 0] = 1.0  # in all runs
-    decided = replace(scene, unseen_scores=one)
+    decided = replace(scene, predicted_scores=one)
     sure = Executor(decided, data_set_rules=True).answer_choices("unseen_events belong_to", choices).choices
     assert [c.probability for c in sure] == [SIMULATED_DOUBT, 1 - SIMULATED_DOUBT]
 
@@ -347,7 +347,7 @@ def test_an_object_may_not_be_there(perceived: Scene) -> None:
     for world in gone:
         assert [o.name for o in world.objects] == ["red metal cube", "green rubber cylinder", "red rubber sphere"]
         assert [(e.kind, e.objects) for e in world.events] == [("in", (2,))]
-        assert [e.objects for e in world.unseen] == [(1, 2)]
+        assert [e.objects for e in world.predicted] == [(1, 2)]
         assert {k: [e.objects for e in of] for k, of in world.counterfactual.items()} == {0: [(1, 2)], 1: [], 2: []}
     assert drawn_share(unsure, lambda s: len(s.objects) == 3) == 0.25
     answer = Executor(unsure).answer("objects count")

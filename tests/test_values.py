@@ -108,7 +108,7 @@ def test_types_refuse_values_out_of_range() -> None:
     Rollout(where, seen, ())  # NaN is where an object is absent
     with pytest.raises(DataError, match="location_world: expected finite numbers, got inf"):
         Rollout(np.full_like(where, np.inf), seen, ())
-    with pytest.raises(DataError, match="unseen_scores: expected 0 to 1, got nan"):
+    with pytest.raises(DataError, match="predicted_scores: expected 0 to 1, got nan"):
         Rollout(where, seen, (), np.array([[np.nan]]))
 
 

@@ -119,7 +119,7 @@ def test_report_has_a_video_objects_events_and_collapsed_numbered_steps(perceive
         assert re.findall(r"<tr><td class=number>(\d+)", table) == [str(i + 1) for i in range(int(count))]
     assert "<code>filter_color</code> (2, purple)" in tables[0][1]
     assert "://" not in page  # self-contained
-    events = [*p.scene.events, *p.scene.unseen]
+    events = [*p.scene.events, *p.scene.predicted]
     assert page.count("<g class=event") == len(events)
     causes = sum(len(found) for found in direct_causes(events))
     assert page.count("<path class=cause ") == causes > 0
@@ -205,7 +205,7 @@ def test_pictures_of_a_saved_scene(perceived, tmp_path, capsys) -> None:
     assert "holds no trajectories for --image plan; make it again with nsdr parse-video" in capsys.readouterr().err
     assert main(["visualize", str(scene), "-o", str(tmp_path / "a.mp4")]) == 2
     assert "is a saved scene, which has no frames for mp4; give the video" in capsys.readouterr().err
-    assert main(["visualize", str(scene), "--dynamics", "state", "-o", str(plan)]) == 2
+    assert main(["visualize", str(scene), "--dynamics", "propnet", "-o", str(plan)]) == 2
     assert "is a saved scene: --dynamics would do nothing" in capsys.readouterr().err
 
 
@@ -267,9 +267,9 @@ def test_a_box_is_thin_where_its_object_is_not_seen(perceived) -> None:
     late = max(p.tracks.tracks, key=lambda t: int(t.frame_index[0]))
     f = int(late.frame_index[0])
     assert f > 0
-    seen, unseen = (thumbnail(frames[f], index, p.tracks, [late.object.id]) for index in (f, f - 1))
-    assert seen != unseen
-    assert unseen != thumbnail(frames[f], f, p.tracks, [])
+    seen, hidden = (thumbnail(frames[f], index, p.tracks, [late.object.id]) for index in (f, f - 1))
+    assert seen != hidden
+    assert hidden != thumbnail(frames[f], f, p.tracks, [])
 
 
 def test_figures_leave_the_users_matplotlib_alone() -> None:

@@ -132,7 +132,7 @@ def test_examples_are_read_and_can_be_answered(small_scene: Scene) -> None:
             assert {choice.error for choice in executor.answer_choices(program.tokens, choices).choices} == {""}
         else:
             assert executor.answer(program.tokens).answer is not None
-    quiet = replace(small_scene, events=(), unseen=(), counterfactual={})
+    quiet = replace(small_scene, events=(), predicted=(), counterfactual={})
     assert [len(example.choices) for example in menus.examples(quiet)] == [0, 6, 3]
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import torch
 from accelerate import Accelerator
 
-from nsdr.dynamics.propnet.patch_model import PatchModelConfig
-from nsdr.dynamics.propnet.state_model import StateModelConfig
+from nsdr.dynamics.propnet.patch_model import PatchPropNetConfig
+from nsdr.dynamics.propnet.state_model import PropNetConfig
 from nsdr.question_parser.model import QuestionParserConfig
-from nsdr.training.dynamics import StateModelTask
+from nsdr.training.dynamics import PropNetTask
 from nsdr.training.loop import LoopConfig, Task, train
-from nsdr.training.patch_dynamics import PatchModelTask
+from nsdr.training.patch_dynamics import PatchPropNetTask
 from nsdr.training.question_parser import QuestionParserTask, QuestionParserTraining
 from nsdr.training.track_task import DynamicsTraining
 
@@ -24,7 +24,7 @@ def main(proposals: str, truth: str, output: str, batch_size: str) -> None:
     """Train three small networks and write `NETWORK_RANK.pt` for each."""
     rank = os.environ.get("RANK", "0")
     device = "cpu" if torch.cuda.is_available() else "auto"
-    for name in ("state", "paper", "question_parser"):
+    for name in ("propnet", "propnet_patches", "question_parser"):
         run = f"{output}/{name}"
         loop = LoopConfig(steps=2, batch_size=int(batch_size), optimizer="sgd", learning_rate=0.1, device=device)
         task: Task
@@ -32,11 +32,11 @@ def main(proposals: str, truth: str, output: str, batch_size: str) -> None:
             small = QuestionParserConfig(embedding=8, hidden=16, max_tokens=5)
             task = QuestionParserTask(QuestionParserTraining(run, evaluation_texts=1, model=small, loop=loop))
         else:
-            sizes = {"model": StateModelConfig(hidden=16), "patches": PatchModelConfig(hidden=16)}
+            sizes = {"model": PropNetConfig(hidden=16), "patches": PatchPropNetConfig(hidden=16)}
             config = DynamicsTraining(
                 proposals, truth, f"{run}_{rank}", network=name, rollout_steps=2, loop=loop, **sizes
             )
-            task = StateModelTask(config) if name == "state" else PatchModelTask(config)
+            task = PropNetTask(config) if name == "propnet" else PatchPropNetTask(config)
         gradients = []
 
         def record(accelerator, parameters, norm, gradients=gradients, clip=Accelerator.clip_grad_norm_):

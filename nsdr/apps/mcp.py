@@ -99,9 +99,9 @@ class AgentTools:
         scene = self._pipeline.perceive(self._path(video)).scene
         uncertain = [d for d in scene.uncertain or () if d.removed is None]
         known = None if scene.uncertain is None else {d.event: d.probability for d in uncertain}
-        unseen = scene.unseen or ()
-        possible = [d.event for d in uncertain if d.event not in {*scene.events, *unseen}]
-        listed = {"events": scene.events, "after_video": unseen, "possible": possible}
+        predicted = scene.predicted or ()
+        possible = [d.event for d in uncertain if d.event not in {*scene.events, *predicted}]
+        listed = {"events": scene.events, "after_video": predicted, "possible": possible}
         return {
             "video": video,
             "n_frames": scene.n_frames,

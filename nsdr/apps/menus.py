@@ -57,7 +57,7 @@ def _event(event: Event, names: Sequence[str]) -> str:
 def _pairs(scene: Scene, without: str = "") -> tuple[str, ...]:
     """Collisions of pairs: first those that happen in the video, after it or without an object, then the others."""
     names = {o.id: o.name for o in scene.objects if o.name != without}
-    later = [*(scene.unseen or ()), *(e for events in (scene.counterfactual or {}).values() for e in events)]
+    later = [*(scene.predicted or ()), *(e for events in (scene.counterfactual or {}).values() for e in events)]
     happening = dict.fromkeys(e.objects for e in (*later, *scene.events) if e.kind == "collision")
     pairs = [p for p in dict.fromkeys([*happening, *combinations(names, 2)]) if names.keys() >= set(p)]
     return tuple(f"The {names[i]} collides with the {names[j]}" for i, j in pairs[:MAX_PAIRS])

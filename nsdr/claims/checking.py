@@ -138,7 +138,7 @@ class StatementChecker:
             when, only = f"without {said.removed.text}", "without an object"
             known = (self.scene.counterfactual or {}).get(self._one(said.removed))
         else:
-            when, only, known = "after the video", "after the video", self.scene.unseen
+            when, only, known = "after the video", "after the video", self.scene.predicted
         if known is None:
             raise _Undecided(None, f"events {when} are not known in this scene")
         if said.events[0].kind != "collision":

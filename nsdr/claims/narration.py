@@ -132,7 +132,7 @@ class _Narration:
             event = chosen.value
             self.events |= {e for e in self.scene.events if e.objects == event.objects and e.kind == event.kind}
             if group.module == "unseen_events":
-                self._elsewhere(event, self.scene.unseen or ())
+                self._elsewhere(event, self.scene.predicted or ())
             elif group.module == "get_counterfact":
                 removed = trace[group.inputs[1]].value
                 self._elsewhere(event, (self.scene.counterfactual or {}).get(removed, ()), removed)

@@ -48,7 +48,7 @@ def shared_options(parser: Any, *groups: str) -> None:
         add("--checkpoint", default="default", help="folder or name of the weights")
         add("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
     if "pipeline" in groups:
-        backend = "backend (physics, state, paper, paper_images, an installed one) or YAML file"
+        backend = "backend (physics, propnet, propnet_patches, propnet_images, an installed one) or YAML file"
         add("--dynamics", default="", help=backend)
         add("--config", default="", help="settings of all parts: a YAML file, or a name, such as paper")
         add("--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable")

@@ -36,7 +36,7 @@ BRIDGED_FRAMES = 12
 """Between two detections, an object counts as found within this many frames of either, because another object may hide it."""
 MIN_KNOWN_SHARE = 0.5
 """If a smaller share of the known objects is found in the given frames, the video does not start with the given frames."""
-BACKENDS = {"PropNet": "state", "fitted simulator": "physics"}
+BACKENDS = {"PropNet": "propnet", "fitted simulator": "physics"}
 """Baselines that are dynamics backends: name in the table -> name of the backend."""
 BASELINES = ("last frame frozen", "constant velocity", *BACKENDS)
 """Names of all baselines, which predict the future from the given frames."""

@@ -3,10 +3,10 @@ from .collisions.network import CollisionNetwork as CollisionNetwork, TrackColli
 from .motion_states import MotionStates as MotionStates, states_from_tracks as states_from_tracks
 from .physics.config import PhysicsConfig as PhysicsConfig
 from .physics.predictor import PhysicsPredictor as PhysicsPredictor
-from .propnet.patch_model import PatchModel as PatchModel
-from .propnet.patch_predictor import PatchPredictor as PatchPredictor
-from .propnet.state_model import StateModel as StateModel
-from .propnet.state_predictor import StatePredictor as StatePredictor
+from .propnet.patch_model import PatchPropNet as PatchPropNet
+from .propnet.patch_predictor import PatchPropNetPredictor as PatchPropNetPredictor
+from .propnet.state_model import PropNet as PropNet
+from .propnet.state_predictor import PropNetPredictor as PropNetPredictor
 from .registry import BACKENDS as BACKENDS, BackendConfig as BackendConfig, load_backend as load_backend
 from .scene import scene_from_prediction as scene_from_prediction
 from .simulation import simulate as simulate

@@ -15,9 +15,9 @@ from nsdr.io.configuration import parse_config
 from nsdr.io.registry import Registry
 from nsdr.validation import Settings, one_of
 
-PATCH_CHECKPOINTS = {"paper": "dynamics_paper", "paper_images": "dynamics_paper_images"}
+PATCH_CHECKPOINTS = {"propnet_patches": "propnet_patches", "propnet_images": "propnet_images"}
 """Name of the shipped checkpoint of each backend with a network on patches; these weights are not part of `default`."""
-READ_NO_IMAGES = ("physics", "state", "paper")
+READ_NO_IMAGES = ("physics", "propnet", "propnet_patches")
 """Names of the backends that read only tracks."""
 
 
@@ -26,11 +26,11 @@ class BackendConfig(Settings):
     """Choice of a dynamics backend, and its settings.
 
     Attributes:
-        backend: a name in `BACKENDS`: "physics" (a simulator fitted to the tracks), "state" (PropNet on ground-plane states),
-            "paper" (PropNet on patches of masks), "paper_images" (PropNet on patches of images and masks; needs videos), or a
-            backend of another package.
-        weights: folder of the trained network, for "paper" and "paper_images"; "" for the network of the checkpoint, or the
-            shipped one if the checkpoint is `default`.
+        backend: a name in `BACKENDS`: "physics" (a simulator fitted to the tracks), "propnet" (PropNet on ground-plane states),
+            "propnet_patches" (PropNet on patches of masks), "propnet_images" (PropNet on patches of images and masks; needs
+            videos), or a backend of another package.
+        weights: folder of the trained network, for "propnet_patches" and "propnet_images"; "" for the network of the
+            checkpoint, or the shipped one if the checkpoint is `default`.
         collisions: "predicted" for collisions that the backend predicts, "velocity" for collisions detected from changes of
             velocity alone (the paper's variant "no events", NE).
         physics: settings of the physics backend.
@@ -49,9 +49,9 @@ BACKENDS: Registry[BackendFactory] = Registry(
     "nsdr.dynamics",
     {
         "physics": "nsdr.dynamics.registry:_physics",
-        "state": "nsdr.dynamics.registry:_state",
-        "paper": "nsdr.dynamics.registry:_patches",
-        "paper_images": "nsdr.dynamics.registry:_patches",
+        "propnet": "nsdr.dynamics.registry:_state",
+        "propnet_patches": "nsdr.dynamics.registry:_patches",
+        "propnet_images": "nsdr.dynamics.registry:_patches",
     },
 )
 """Dynamics backends by name; other packages add theirs by entry points of the group `nsdr.dynamics`."""
@@ -62,7 +62,7 @@ def _physics(folder: Path, config: BackendConfig) -> Dynamics:
     from nsdr.dynamics.collisions.network import TrackCollisionDetector
 
     if (folder / "dynamics.safetensors").exists() and not (folder / "collisions.safetensors").exists():
-        remedy = 'give the backend that was saved, such as --dynamics state (in Python, dynamics="state")'
+        remedy = 'give the backend that was saved, such as --dynamics propnet (in Python, dynamics="propnet")'
         raise CheckpointError(f"{folder}: has no collisions.safetensors, which dynamics 'physics' needs; {remedy}")
     detector = TrackCollisionDetector.from_checkpoint(folder)
     return PhysicsPredictor(detector, config.physics)
@@ -70,16 +70,16 @@ def _physics(folder: Path, config: BackendConfig) -> Dynamics:
 
 def _state(folder: Path, config: BackendConfig) -> Dynamics:
     """Load PropNet on ground-plane states."""
-    from nsdr.dynamics.propnet.state_predictor import StatePredictor
+    from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
 
-    return StatePredictor.from_checkpoint(folder)
+    return PropNetPredictor.from_checkpoint(folder)
 
 
 def _patches(folder: Path, config: BackendConfig) -> Dynamics:
     """Load PropNet on patches of masks, or of images and masks."""
-    from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
+    from nsdr.dynamics.propnet.patch_predictor import ImagePropNetPredictor, PatchPropNetPredictor
 
-    predictor = PatchPredictor if config.backend == "paper" else ImagePredictor
+    predictor = PatchPropNetPredictor if config.backend == "propnet_patches" else ImagePropNetPredictor
     return predictor.from_checkpoint(_patch_folder(folder, config))
 
 
@@ -105,8 +105,8 @@ def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics")
     """Load a dynamics backend with its weights.
 
     Args:
-        folder: folder of the checkpoint. For "paper" and "paper_images", the shipped `dynamics_paper` and
-            `dynamics_paper_images` are read in place of `default`.
+        folder: folder of the checkpoint. For "propnet_patches" and "propnet_images", the shipped weights of these
+            names are read in place of `default`.
         settings: name of a backend, YAML file of a `BackendConfig`, or a `BackendConfig`.
 
     Raises:
@@ -136,7 +136,7 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
     BACKENDS.check(config.backend)
     if config.weights and config.backend not in PATCH_CHECKPOINTS:
         raise DataError(f"weights would do nothing with dynamics {config.backend!r}; name the folder by --checkpoint")
-    if config.backend in ("state", *PATCH_CHECKPOINTS) and config.physics != PhysicsConfig():
+    if config.backend in ("propnet", *PATCH_CHECKPOINTS) and config.physics != PhysicsConfig():
         raise DataError(f"settings of physics would do nothing with dynamics {config.backend!r}; leave them out")
     return config
 

@@ -22,7 +22,7 @@ def scene_from_prediction(
     existence: NDArray[np.floating[Any]] | None = None,
     camera: Camera | None = None,
 ) -> Scene:
-    """Make the scene of a prediction: observed, unseen and counterfactual events, and motion.
+    """Make the scene of a prediction: observed, predicted and counterfactual events, and motion.
 
     An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, an object moves when
     it is faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames before the current one and in the frames after it.
@@ -41,9 +41,9 @@ def scene_from_prediction(
         moving = np.where(np.isnan(speed), moving, np.nan_to_num(speed) > MOVING_SPEED_WORLD_PER_S)
     collisions = prediction.observed.collisions
     events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
-    unseen = tuple(e for e in collisions if n_frames <= e.frame)
+    predicted = tuple(e for e in collisions if n_frames <= e.frame)
     counterfactual = {removed: rollout.collisions for removed, rollout in prediction.counterfactual.items()}
-    scores = prediction.observed.unseen_scores
+    scores = prediction.observed.predicted_scores
     uncertain = _uncertain(prediction, visible)
     return Scene(
         prediction.objects,
@@ -51,7 +51,7 @@ def scene_from_prediction(
         visible,
         moving,
         tuple(events),
-        unseen,
+        predicted,
         counterfactual,
         scores,
         uncertain=uncertain,

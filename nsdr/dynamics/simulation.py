@@ -68,7 +68,7 @@ def _with_absent(rollout: Rollout, extra: int) -> Rollout:
         rollout,
         location_world=padded(rollout.location_world, extra, np.nan),
         visible=padded(rollout.visible, extra, False),
-        unseen_scores=None,
+        predicted_scores=None,
         speed_world_per_s=None if speed is None else padded(speed, extra, np.nan),
         yaw=None if yaw is None else padded(yaw, extra, 0.0),
     )

@@ -69,7 +69,7 @@ class _VelocityExplanation(Explanation):
         known = np.arange(rollout.visible.shape[1]) >= self.n_frames - LEAD_FRAMES
         ahead = collisions_from_motion(replace(rollout, visible=rollout.visible & known), self.camera)
         later = [e for e in ahead if e.frame >= self.n_frames and e.objects not in met]
-        return replace(rollout, collisions=(*self._before, *later), unseen_scores=None, uncertain=None)
+        return replace(rollout, collisions=(*self._before, *later), predicted_scores=None, uncertain=None)
 
 
 def collisions_from_motion(rollout: Rollout, camera: Camera = CLEVRER_CAMERA) -> tuple[Event, ...]:

@@ -29,7 +29,7 @@ TITLES = {
     "exit_frame": "frame of leaving",
     "shape": "shapes",
     "material": "materials",
-    "unseen": "collisions after the video",
+    "predicted": "collisions after the video",
 }
 """Statistics of scenes with their headings."""
 RELEASED_QUESTIONS: Counts = {
@@ -66,8 +66,8 @@ def count_scenes(scenes: Iterable[Scene]) -> Counts:
         for o in scene.objects:
             counters["shape"][o.shape] += 1
             counters["material"][o.material] += 1
-        if scene.unseen is not None:
-            counters["unseen"][str(len(scene.unseen))] += 1
+        if scene.predicted is not None:
+            counters["predicted"][str(len(scene.predicted))] += 1
     return {
         name: {key: round(share, 5) for key, share in _shares(counter).items()}
         for name, counter in counters.items()

@@ -25,7 +25,7 @@ LIMITS = {
     "frame": "frames",
     "objects": "scene_objects",
     "events": "events",
-    "unseen": "events",
+    "predicted": "events",
     "collisions": "events",
     "uncertain": "events",
 }

@@ -37,7 +37,8 @@ class Executor:
             as heavy" (`nsdr.symbolic.quantities`). With None, such questions are refused.
         data_set_rules: whether to use what is known about CLEVRER's questions and not from the video, as evaluations of the
             data set do. There is one such rule: exactly one of the two choices of a predictive question is correct. If both
-            are judged alike and the scene has scores of unseen collisions, the choice with the higher score is the correct one.
+            are judged alike and the scene has scores of predicted collisions, the choice with the higher score is the
+            correct one.
 
     Raises:
         ExecutionError: the scene is no `Scene`.
@@ -168,7 +169,7 @@ class Executor:
 
     def _prediction_scores(self, question: Program, answers: Sequence[ChoiceAnswer]) -> tuple[float, float] | None:
         """Scores of the two collisions that a predictive question asks about, if they decide or give probabilities."""
-        scores = self.scene.unseen_scores
+        scores = self.scene.predicted_scores
         if not self.data_set_rules or scores is None or question.tokens != PREDICTIVE or len(answers) != 2:
             return None
         if any(a.error for a in answers) or (

@@ -109,7 +109,7 @@ def _drawn(scene: Scene, draw: _Draw) -> Scene:
         certain = [e for e in of if (removed, e) not in uncertain]
         return (*certain, *(e for r, e in happening if r == removed and first <= e.frame < end))
 
-    n_frames, unseen, without = scene.n_frames, scene.unseen, scene.counterfactual
+    n_frames, predicted, without = scene.n_frames, scene.predicted, scene.counterfactual
     observed, visible = events(scene.events, None, end=n_frames), scene.visible
     if draw.frames_off:
         visible = _visible(scene, draw)
@@ -120,9 +120,9 @@ def _drawn(scene: Scene, draw: _Draw) -> Scene:
         visible=visible,
         moving=_moving(scene, draw),
         events=observed,
-        unseen=None if unseen is None else events(unseen, None, first=n_frames),
+        predicted=None if predicted is None else events(predicted, None, first=n_frames),
         counterfactual=None if without is None else {k: events(of, k) for k, of in without.items()},
-        unseen_scores=None,
+        predicted_scores=None,
         dynamics=None,
         uncertain=None,
         existence=None,
@@ -174,6 +174,6 @@ def _without(scene: Scene, absent: int) -> Scene:
         moving=None if scene.moving is None else scene.moving[kept],
         motion_px=None if scene.motion_px is None else scene.motion_px[kept],
         events=events(scene.events),
-        unseen=None if scene.unseen is None else events(scene.unseen),
+        predicted=None if scene.predicted is None else events(scene.predicted),
         counterfactual=None if without is None else {new[k]: events(of) for k, of in without.items() if k != absent},
     )

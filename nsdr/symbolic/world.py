@@ -80,9 +80,9 @@ class World:
     @property
     def unseen_events(self) -> Collisions:
         """Events after the video."""
-        if self._scene.unseen is None:
+        if self._scene.predicted is None:
             raise ExecutionError("events after the video are not known in this scene")
-        return Collisions(self._scene.unseen)
+        return Collisions(self._scene.predicted)
 
     def collisions_without(self, removed: int) -> Events:
         """Collisions that happen without an object."""

@@ -1,4 +1,4 @@
-"""Train the dynamics predictor: `nsdr train dynamics --config configs/dynamics/state.yaml --run_dir runs/dynamics`.
+"""Train the dynamics predictor: `nsdr train dynamics --config configs/dynamics/propnet.yaml --run_dir runs/dynamics`.
 
 Here is the task of the network on states, the default; those of the paper's networks are in `patch_dynamics`.
 """
@@ -13,10 +13,10 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.dynamics.motion_states import extrapolate
-from nsdr.dynamics.propnet.state_model import LENGTH_WORLD, StateModel
-from nsdr.dynamics.propnet.state_predictor import StatePredictor
+from nsdr.dynamics.propnet.state_model import LENGTH_WORLD, PropNet
+from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
 from nsdr.training.loop import LossTerm, train_part
-from nsdr.training.patch_dynamics import ImageModelTask, PatchModelTask
+from nsdr.training.patch_dynamics import ImagePropNetTask, PatchPropNetTask
 from nsdr.training.run_folder import parse_training
 from nsdr.training.track_task import FIRST_PRESENT_FRAME, LAST_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
 
@@ -42,7 +42,7 @@ class _Window(NamedTuple):
     mirror: Any
 
 
-class StateModelTask(TrackTask):
+class PropNetTask(TrackTask):
     """Motion and collision losses of the forward network over several steps, and collision loss of the observer.
 
     Scenes are rotated and mirrored at random: the network's inputs are relative, so the world has no preferred direction.
@@ -50,7 +50,7 @@ class StateModelTask(TrackTask):
 
     def __init__(self, config: DynamicsTraining) -> None:
         torch.manual_seed(config.loop.seed)
-        super().__init__(config, StateModel(config.model))
+        super().__init__(config, PropNet(config.model))
         self.margin = max(config.model.past_steps, config.model.side_steps) * config.model.stride_frames
         self.locations = extrapolate(self.data.location_world, self.margin).astype(np.float32)
 
@@ -102,13 +102,13 @@ class StateModelTask(TrackTask):
 
     def losses(self, model: nn.Module, batch: Mapping[str, Mapping[str, Tensor]]) -> dict[str, LossTerm]:
         """`motion` and `collision` of the forward network on windows (B, N, ...), and `observed`, the observer's collisions."""
-        network, observer = cast(StateModel, model), batch["observer"]
+        network, observer = cast(PropNet, model), batch["observer"]
         motion, collision = self._forward_losses(network, batch["forward"])
         logits = network.observe(*(observer[k] for k in ("location", "reliable", "static", "exists")))
         collides = observer["until"].abs() <= OBSERVED_TOLERANCE_FRAMES
         return {"motion": motion, "collision": collision, "observed": pair_loss(logits, collides, observer["exists"])}
 
-    def _forward_losses(self, network: StateModel, windows: Mapping[str, Tensor]) -> tuple[LossTerm, LossTerm]:
+    def _forward_losses(self, network: PropNet, windows: Mapping[str, Tensor]) -> tuple[LossTerm, LossTerm]:
         """Motion and collision loss of `rollout_steps` steps, each predicted from the predictions before."""
         past, stride = self.config.model.past_steps, self.config.model.stride_frames
         window, reliable = windows["location"][:, :, :past], windows["reliable"][:, :, :past]
@@ -129,7 +129,7 @@ class StateModelTask(TrackTask):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
-        return self.measure(StatePredictor(cast(StateModel, model)))
+        return self.measure(PropNetPredictor(cast(PropNet, model)))
 
 
 def main(argv: Sequence[str] | None = None) -> str:
@@ -137,8 +137,8 @@ def main(argv: Sequence[str] | None = None) -> str:
     config = parse_training(DynamicsTraining, argv, "dynamics")
     mean_with = config.initial if config.mean_with_initial else ""
     details = {"network": config.network}
-    if config.network == "state":
-        return train_part("dynamics", StateModelTask(config), config, config.model, details, mean_with=mean_with)
-    task = PatchModelTask(config) if config.network == "paper" else ImageModelTask(config)
+    if config.network == "propnet":
+        return train_part("dynamics", PropNetTask(config), config, config.model, details, mean_with=mean_with)
+    task = PatchPropNetTask(config) if config.network == "propnet_patches" else ImagePropNetTask(config)
     inputs = {"scenes": [len(task.data), len(task.held_out)]}
     return train_part("dynamics", task, config, config.patches, details, inputs, mean_with)

@@ -1,4 +1,4 @@
-"""Training tasks of the paper's dynamics networks on patches: of masks (`network: paper`), and of images (`paper_images`)."""
+"""Training tasks of PropNet on patches: of masks (`network: propnet_patches`), and of images (`propnet_images`)."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,8 +12,8 @@ from torch import Tensor, nn
 
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.propnet.data import MotionDataset, read_image_dataset
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, STEP_SCALE, ImageModel, PatchModel
-from nsdr.dynamics.propnet.patch_predictor import ImagePredictor, PatchPredictor
+from nsdr.dynamics.propnet.patch_model import BOX_SCALE, STEP_SCALE, ImagePropNet, PatchPropNet
+from nsdr.dynamics.propnet.patch_predictor import ImagePropNetPredictor, PatchPropNetPredictor
 from nsdr.dynamics.propnet.patches import MAX_VALUE, patch_boxes
 from nsdr.training.loop import LossTerm
 from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
@@ -38,7 +38,7 @@ class _Window(NamedTuple):
     mirror: Any
 
 
-class PatchModelTask(TrackTask):
+class PatchPropNetTask(TrackTask):
     """Squared error of the boxes one step later, and cross-entropy of the collisions within each step.
 
     A batch holds scenes with the same number of objects, mirrored at random: the camera looks along the world's x axis.
@@ -60,7 +60,7 @@ class PatchModelTask(TrackTask):
 
     def network(self, config: DynamicsTraining) -> nn.Module:
         """The network, with random weights."""
-        return PatchModel(config.patches)
+        return PatchPropNet(config.patches)
 
     def draw(self, count: int, rng: np.random.Generator, step: int) -> list[_Window]:
         """Windows of scenes that have the same number of objects, as that of a random window."""
@@ -132,11 +132,11 @@ class PatchModelTask(TrackTask):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
-        return self.measure(PatchPredictor(cast(PatchModel, model)))
+        return self.measure(PatchPropNetPredictor(cast(PatchPropNet, model)))
 
 
-class ImageModelTask(PatchModelTask):
-    """As `PatchModelTask`, with the squared error of drawn patches.
+class ImagePropNetTask(PatchPropNetTask):
+    """As `PatchPropNetTask`, with the squared error of drawn patches.
 
     Patches lie in `run_dir/patches` and are read from there, not held in memory. The boxes' weights are uneven because whole
     pixels of the masks' bounds and turning cubes would make up most of the loss, and nothing but the next boxes depends on
@@ -148,7 +148,7 @@ class ImageModelTask(PatchModelTask):
 
     def network(self, config: DynamicsTraining) -> nn.Module:
         """The network, with random weights."""
-        return ImageModel(config.patches)
+        return ImagePropNet(config.patches)
 
     def read(self) -> MotionDataset:
         """The scenes of the data set; their patches are kept beside them."""
@@ -167,7 +167,7 @@ class ImageModelTask(PatchModelTask):
         return cast(NDArray[np.uint8], np.load(self._files[int(scene)], mmap_mode="r"))
 
     def collate(self, examples: Sequence[_Window]) -> dict[str, Tensor]:
-        """As in `PatchModelTask`, and `patches` (B, N, K, 4, cells, cells) float32 in 0-1."""
+        """As in `PatchPropNetTask`, and `patches` (B, N, K, 4, cells, cells) float32 in 0-1."""
         patches = []
         for example in examples:
             frames = np.maximum(example.frame + self._offsets(), 0)
@@ -177,11 +177,11 @@ class ImageModelTask(PatchModelTask):
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts and of drawn patches, on the held-out scenes."""
-        network = cast(ImageModel, model)
-        return self.measure(ImagePredictor(network)) | self._drawing_errors(network)
+        network = cast(ImagePropNet, model)
+        return self.measure(ImagePropNetPredictor(network)) | self._drawing_errors(network)
 
     @torch.no_grad()
-    def _drawing_errors(self, model: ImageModel) -> dict[str, float]:
+    def _drawing_errors(self, model: ImagePropNet) -> dict[str, float]:
         """Mean absolute errors (0-1) of patches `DRAWN_STEPS` later: of those drawn, and of the last one seen (`_kept`)."""
         c, h, found = self.config.patches, self.held_out, defaultdict[str, list[float]](list)
         device = next(model.parameters()).device

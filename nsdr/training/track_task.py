@@ -14,10 +14,10 @@ from torch.nn import functional as F
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.propnet.data import MotionDataset, read_motion_dataset
-from nsdr.dynamics.propnet.patch_model import PatchModelConfig
-from nsdr.dynamics.propnet.patch_predictor import PatchPredictor
-from nsdr.dynamics.propnet.state_model import StateModelConfig
-from nsdr.dynamics.propnet.state_predictor import StatePredictor
+from nsdr.dynamics.propnet.patch_model import PatchPropNetConfig
+from nsdr.dynamics.propnet.patch_predictor import PatchPropNetPredictor
+from nsdr.dynamics.propnet.state_model import PropNetConfig
+from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import start_from
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out
@@ -43,21 +43,21 @@ class DynamicsTraining(Settings):
     """Training of the dynamics predictor on tracks of real proposals, or on videos for the network on images.
 
     Attributes:
-        proposals: compact proposals of the training scenes (NPZ); not for "paper_images".
-        truth: ground-truth blocks of the same scenes (gzipped JSON); not for "paper_images".
+        proposals: compact proposals of the training scenes (NPZ); not for "propnet_images".
+        truth: ground-truth blocks of the same scenes (gzipped JSON); not for "propnet_images".
         run_dir: folder of the run; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         initial: folder of a checkpoint to start from; "" starts from random weights.
         mean_with_initial: whether the finished checkpoint holds the mean of the weights of `initial` and the trained weights.
         limit: maximum number of scenes; 0 for all.
-        data: for "paper_images", the folder of a data set with `videos/`, `derender_proposals/` and `annotations/` of `train`,
-            such as `nsdr generate dataset` makes.
+        data: for "propnet_images", the folder of a data set with `videos/`, `derender_proposals/` and `annotations/` of
+            `train`, such as `nsdr generate dataset` makes.
         rollout_steps: number of consecutive predictions, each from the last ones, that a loss covers.
         noise_world: standard deviation of the noise added to observed positions (world units); for the network on patches,
             50 times this value is the noise added to boxes (px).
         evaluation_scenes: maximum number of held-out scenes (those whose index is divisible by 40) to evaluate on.
-        network: "state" (network on states), "paper" (the paper's network on patches of masks) or "paper_images" (on patches
-            of images and masks).
+        network: "propnet" (on states), "propnet_patches" (the paper's network on patches of masks) or "propnet_images" (on
+            patches of images and masks).
         model: the network on states.
         patches: the networks on patches.
         loop: the optimisation.
@@ -74,14 +74,14 @@ class DynamicsTraining(Settings):
     rollout_steps: Annotated[int, Meta(ge=1, le=VIDEO_FRAMES)] = 5
     noise_world: NotNegative = 0.003
     evaluation_scenes: PositiveCount = 100
-    network: Literal["state", "paper", "paper_images"] = "state"
-    model: StateModelConfig = field(default_factory=StateModelConfig)
-    patches: PatchModelConfig = field(default_factory=PatchModelConfig)
+    network: Literal["propnet", "propnet_patches", "propnet_images"] = "propnet"
+    model: PropNetConfig = field(default_factory=PropNetConfig)
+    patches: PatchPropNetConfig = field(default_factory=PatchPropNetConfig)
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        on_images = self.network == "paper_images"
+        on_images = self.network == "propnet_images"
         for name in ("data", "run_dir") if on_images else ("proposals", "truth", "run_dir"):
             expect(bool(getattr(self, name).strip()), name, "a path", repr(getattr(self, name)))
         if self.mean_with_initial and not self.initial:
@@ -158,7 +158,7 @@ class TrackTask(Task):
             "until": torch.from_numpy(until[:, :n, :n]),
         }
 
-    def measure(self, predictor: StatePredictor | PatchPredictor) -> dict[str, float]:
+    def measure(self, predictor: PropNetPredictor | PatchPropNetPredictor) -> dict[str, float]:
         """Scores of observed collisions, and errors of rollouts, on the held-out scenes."""
         scenes = [self.states(i) for i in range(len(self.held_out))]
         scores = collision_scores([(predictor.observed_collisions(states), events) for states, events in scenes])

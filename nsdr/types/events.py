@@ -21,7 +21,7 @@ class Event(Checked):
 
     Attributes:
         kind: "in" (enters the image), "out" (leaves it) or "collision".
-        frame: frame index; at or beyond the video's length for unseen events, -1 for events that are only possible.
+        frame: frame index; at or beyond the video's length for predicted events, -1 for events that are only possible.
         objects: object ids: one for "in" and "out", two in ascending order for "collision".
     """
 

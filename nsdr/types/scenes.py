@@ -51,7 +51,7 @@ class Rollout(ArrayHolder):
         location_world: (n_objects, F, 2) float, ground-plane positions (x, y) (world units); NaN where absent or unknown.
         visible: (n_objects, F) bool, whether the object is in the image.
         collisions: collision events in order of time.
-        unseen_scores: (n_objects, n_objects) float in 0-1, symmetric: probability of a collision after the video, or None.
+        predicted_scores: (n_objects, n_objects) float in 0-1, symmetric: probability of a collision after the video, or None.
         speed_world_per_s: (n_objects, F) float, speed on the ground (world units/s), NaN or None where it is not known.
         uncertain: collisions of this rollout that are uncertain; None where nothing is known about that.
         yaw: (n_objects, F) float, rotation about the vertical axis (radians); None where it is not known.
@@ -60,7 +60,7 @@ class Rollout(ArrayHolder):
     location_world: Annotated[FloatArray, Array("n", "F", 2, nan=True)]
     visible: Annotated[BoolArray, Array("n", "F")]
     collisions: tuple[Event, ...]
-    unseen_scores: Annotated[FloatArray, Array("n", "n", low=0, high=1)] | None = None
+    predicted_scores: Annotated[FloatArray, Array("n", "n", low=0, high=1)] | None = None
     speed_world_per_s: Annotated[FloatArray, Array("n", "F", low=0, nan=True)] | None = None
     uncertain: tuple[UncertainCollision, ...] | None = None
     yaw: Annotated[FloatArray, Array("n", "F")] | None = None
@@ -141,12 +141,12 @@ class Scene(ArrayHolder):
         visible: (n_objects, n_frames) bool, whether the object is in the image.
         moving: (n_objects, n_frames) bool, whether the object moves; None where motion is not known.
         events: observed events (enter, exit, collision) in order of time.
-        unseen: collisions after the video; None where they are not known.
+        predicted: collisions after the video; None where they are not known.
         counterfactual: collisions with one object removed, by that object's id; None where they are not known.
-        unseen_scores: (n_objects, n_objects) float, as in `Rollout`; None for ground-truth scenes.
+        predicted_scores: (n_objects, n_objects) float, as in `Rollout`; None for ground-truth scenes.
         dynamics: the trajectories that the scene was made from, which pictures show; None where they were not kept.
-        uncertain: collisions that are uncertain: observed, unseen (those after the video) and counterfactual ones; None where
-            nothing is known about that.
+        uncertain: collisions that are uncertain: observed, predicted (those after the video) and counterfactual ones; None
+            where nothing is known about that.
         physics: velocities and masses, for questions beyond CLEVRER; None where they are not known.
         existence: (n_objects,) float, how probable it is that each object is there, in a scene that was perceived: one whose
             events may be a frame off. None for true scenes.
@@ -161,9 +161,9 @@ class Scene(ArrayHolder):
     visible: Annotated[BoolArray, Array("objects", "n_frames")]
     moving: Annotated[BoolArray, Array("objects", "n_frames")] | None
     events: tuple[Event, ...]
-    unseen: tuple[Event, ...] | None = None
+    predicted: tuple[Event, ...] | None = None
     counterfactual: Mapping[Count, tuple[Event, ...]] | None = None
-    unseen_scores: Annotated[FloatArray, Array("objects", "objects", low=0, high=1)] | None = None
+    predicted_scores: Annotated[FloatArray, Array("objects", "objects", low=0, high=1)] | None = None
     dynamics: DynamicsPrediction | None = None
     uncertain: tuple[UncertainCollision, ...] | None = None
     physics: ObjectPhysics | None = None
@@ -177,7 +177,7 @@ class Scene(ArrayHolder):
         n, names = len(self.objects), [o.name for o in self.objects]
         expect(len(set(names)) == n, "Scene.objects", "unique attribute triples", ", ".join(sorted(names)))
         counterfactual, uncertain = self.counterfactual or {}, self.uncertain or ()
-        later = [*(self.unseen or ()), *(e for events in counterfactual.values() for e in events)]
+        later = [*(self.predicted or ()), *(e for events in counterfactual.values() for e in events)]
         for event in self.events:
             expect(event.frame < self.n_frames, "Scene.events", f"frames from 0 to {self.n_frames - 1}", event)
         for event in [*self.events, *later, *(d.event for d in uncertain)]:
@@ -189,8 +189,8 @@ class Scene(ArrayHolder):
         if self.dynamics is not None:
             _check_dynamics(self, self.dynamics)
         object.__setattr__(self, "events", in_order(self.events))
-        if self.unseen is not None:
-            object.__setattr__(self, "unseen", in_order(self.unseen))
+        if self.predicted is not None:
+            object.__setattr__(self, "predicted", in_order(self.predicted))
         if self.counterfactual is not None:
             object.__setattr__(self, "counterfactual", MappingProxyType(dict(counterfactual)))
 

@@ -55,7 +55,7 @@ def timeline_html(perception: Perception, frames: NDArray[np.uint8] | None, vide
         video: CSS selector of the page's video, which a click on an event moves to its frame.
     """
     scene = perception.scene
-    events = [*scene.events, *(scene.unseen or ())]
+    events = [*scene.events, *(scene.predicted or ())]
     marks = _arrows(events, horizon_frame(scene.n_frames))
     marks += "".join(_mark(event, number, perception, video) for number, event in enumerate(events))
     moving = None if scene.moving is None else scene.moving & scene.visible
@@ -91,7 +91,7 @@ def _event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video
     scene, explanation = perception.scene, perception.explanation
     simulated = None if frames is None or explanation is None else explanation.observed
     cards = []
-    for number, event in enumerate([*scene.events, *(scene.unseen or ())]):
+    for number, event in enumerate([*scene.events, *(scene.predicted or ())]):
         later = event.frame >= scene.n_frames
         text = html.escape(event_text(event, scene.objects) + _probability(event, scene))
         when = f"about frame {event.frame}, predicted" if later else f"frame {event.frame}"

@@ -17,7 +17,7 @@ VIDEO = ("parse-video", "{good}/gray.mp4", "--set", "video.check=off", "--checkp
 COMMANDS = {
     "question_parser": ("parse-question", "How many?", "--question-parser", "network", "--checkpoint", "weights"),
     "frame_parser": VIDEO,
-    "dynamics": (*VIDEO, "--dynamics", "state"),
+    "dynamics": (*VIDEO, "--dynamics", "propnet"),
     "collisions": VIDEO,
 }
 """A command that loads each part."""

@@ -202,7 +202,7 @@ CHANGES: dict[str, dict[str, Change]] = {
         "unknown removed object": lambda d: d["counterfactual"]["map"].append([99, []]),
         "reference to an array": replaced("visible", {"array": "array_0"}),
         "map of one column": replaced("counterfactual", "map", [[0]]),
-        "unseen event far away": replaced("unseen", 0, "frame", 10**12),
+        "unseen event far away": replaced("predicted", 0, "frame", 10**12),
         "event without a frame": replaced("events", 0, "frame", -1),
         "probability above 1": lambda d: d.update(uncertain=[_uncertain(probability=1.5)]),
         "text as probability": lambda d: d.update(uncertain=[_uncertain(probability="a")]),

@@ -176,8 +176,8 @@ def scene_from_predictions(content: PredictionFile, n_frames: int = VIDEO_FRAMES
     visible = seen[:, held] if len(times) else np.zeros((len(objects), n_frames), bool)
     moving = _moving(grid, seen, times)[:, held] if len(times) > 1 else np.zeros_like(visible)
     events = enter_exit_events(visible) + collisions_in_view((e for e in collisions if e.frame < n_frames), visible)
-    unseen = tuple(e for e in collisions if e.frame >= n_frames)
-    return Scene(objects, n_frames, visible, moving & visible, tuple(events), unseen, counterfactual)
+    predicted = tuple(e for e in collisions if e.frame >= n_frames)
+    return Scene(objects, n_frames, visible, moving & visible, tuple(events), predicted, counterfactual)
 
 
 def _moving(grid: Any, seen: Any, times: Any) -> Any:

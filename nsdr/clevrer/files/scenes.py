@@ -45,7 +45,7 @@ def scene_from_annotation(annotation: Mapping[str, Any]) -> Scene:
 
 
 def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> Scene:
-    """The scene of a generated video's `truth_S.json`, with observed, unseen and counterfactual events and motion.
+    """The scene of a generated video's `truth_S.json`, with observed, predicted and counterfactual events and motion.
 
     Args:
         truth: `objects`, `frames` (7/5 of the video's), `collisions` and `counterfactual`.
@@ -63,11 +63,11 @@ def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> S
     except (KeyError, TypeError, IndexError) as e:
         raise DataError(f"not a truth file: {e!r}") from e
     events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
-    unseen = tuple(e for e in collisions if e.frame >= n_frames)
+    predicted = tuple(e for e in collisions if e.frame >= n_frames)
     log_mass = _log_mass(truth["objects"])
     covariance = None if log_mass is None else np.zeros((len(objects), len(objects)))
     physics = ObjectPhysics(velocity, 0.0, log_mass, covariance)
-    return Scene(objects, n_frames, visible, moving, tuple(events), unseen, counterfactual, physics=physics)
+    return Scene(objects, n_frames, visible, moving, tuple(events), predicted, counterfactual, physics=physics)
 
 
 def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = VIDEO_FRAMES) -> Scene:

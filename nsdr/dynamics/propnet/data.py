@@ -15,7 +15,7 @@ from nsdr.clevrer.files.annotations import read_truth, truth_block
 from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation
 from nsdr.dynamics.motion_states import MotionStates, VideoPixels, object_features, states_from_tracks
-from nsdr.dynamics.propnet.patch_model import PatchModelConfig
+from nsdr.dynamics.propnet.patch_model import PatchPropNetConfig
 from nsdr.dynamics.propnet.patches import object_patches
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path
@@ -142,7 +142,7 @@ def read_motion_dataset(
 
 
 def read_image_dataset(
-    root: str | Path, cache: str | Path, config: PatchModelConfig, limit: int | None = None
+    root: str | Path, cache: str | Path, config: PatchPropNetConfig, limit: int | None = None
 ) -> tuple[MotionDataset, list[Path]]:
     """Track the mask proposals of every `train` video and cut patches from its frames.
 
@@ -178,7 +178,7 @@ def read_image_dataset(
     return MotionDataset.of(rows), files
 
 
-def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: PatchModelConfig) -> Row:
+def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: PatchPropNetConfig) -> Row:
     """The row of a video, read from `path` or made together with its patches; empty for a video that does not fit."""
     video, annotation = split.video(index), split.annotation(index)
     settings = [DATA_VERSION, tracking.VERSION, [config.patch_cells, config.cell_px], annotation]

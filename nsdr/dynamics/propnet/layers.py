@@ -9,7 +9,7 @@ def mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, outputs), nn.ReLU())
 
 
-class PropNet(nn.Module):
+class PropagationNetwork(nn.Module):
     """A propagation network: object and relation encoders, L propagation steps, object and relation predictors.
 
     With object states o_i and relation states r_ij, encoders c_i = f_O(o_i), c_ij = f_R(o_i, o_j, r_ij), and h_i = 0:

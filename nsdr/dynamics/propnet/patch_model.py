@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.dynamics.motion_states import STATIC_FEATURES
-from nsdr.dynamics.propnet.layers import PropNet
+from nsdr.dynamics.propnet.layers import PropagationNetwork
 from nsdr.errors import DataError
 from nsdr.validation import Positive, Settings, Share, Size
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -32,7 +32,7 @@ finite."""
 
 
 @dataclass(frozen=True)
-class PatchModelConfig(Settings):
+class PatchPropNetConfig(Settings):
     """Sizes and time steps of the networks. The defaults are those of the paper, where it gives them.
 
     Attributes:
@@ -59,7 +59,7 @@ class PatchModelConfig(Settings):
 class PatchEncoder(nn.Module):
     """An encoder of a patch and further features of an object or a pair: three convolutions and a linear layer."""
 
-    def __init__(self, maps: int, features: int, config: PatchModelConfig) -> None:
+    def __init__(self, maps: int, features: int, config: PatchPropNetConfig) -> None:
         super().__init__()
         layers: list[nn.Module] = []
         for inputs, outputs in pairwise((maps, *config.channels)):
@@ -78,7 +78,7 @@ class PatchEncoder(nn.Module):
 class PatchDecoder(nn.Module):
     """A decoder that predicts the next patches from hidden states and the last patches by three transposed convolutions."""
 
-    def __init__(self, config: PatchModelConfig) -> None:
+    def __init__(self, config: PatchPropNetConfig) -> None:
         super().__init__()
         first, second, third = config.channels
         self.side, self.channels = config.patch_cells // DOWNSAMPLING, third
@@ -101,7 +101,7 @@ class PatchDecoder(nn.Module):
 class PatchNetwork(nn.Module):
     """The common part of both networks on patches: the configuration, and the features of motion and pairs."""
 
-    def __init__(self, config: PatchModelConfig) -> None:
+    def __init__(self, config: PatchPropNetConfig) -> None:
         super().__init__()
         self.config = config
         self.motion_features = 2 * (config.window - 1)
@@ -116,7 +116,7 @@ class PatchNetwork(nn.Module):
         return motion, torch.cat([apart, motion[:, None] - motion[:, :, None], *kinds], -1)
 
 
-class PatchModel(PatchNetwork):
+class PatchPropNet(PatchNetwork):
     """A network that predicts the box of every object one step later, and the collisions in that step and in the window.
 
     Differs from the paper: patches hold the mask, drawn as its filled box, but no image, because the proposals of the real
@@ -126,13 +126,13 @@ class PatchModel(PatchNetwork):
     sees.
     """
 
-    def __init__(self, config: PatchModelConfig) -> None:
+    def __init__(self, config: PatchPropNetConfig) -> None:
         super().__init__(config)
         own = 2 * config.window + 2 + self.motion_features + STATIC_FEATURES
         self.object_encoder = PatchEncoder(config.window, own, config)
         self.relation_encoder = PatchEncoder(2 * config.window, self.pair_features, config)
         steps = config.propagation_steps
-        self.network = PropNet(nn.Identity(), nn.Identity(), 4, config.window, config.hidden, steps)
+        self.network = PropagationNetwork(nn.Identity(), nn.Identity(), 4, config.window, config.hidden, steps)
 
     def forward(self, boxes: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor]:
         """Predict one step.
@@ -173,7 +173,7 @@ class PatchModel(PatchNetwork):
         return covered[1][..., :, None] * covered[0][..., None, :]
 
 
-class ImageModel(PatchNetwork):
+class ImagePropNet(PatchNetwork):
     """A network that predicts the box, image and mask of every object one step later, and collisions.
 
     The collisions are those in that step and in the window. Relations keep a state over the propagation steps.
@@ -185,7 +185,7 @@ class ImageModel(PatchNetwork):
     the next patch; the relation predictor also predicts collisions in the steps of the window.
     """
 
-    def __init__(self, config: PatchModelConfig) -> None:
+    def __init__(self, config: PatchPropNetConfig) -> None:
         super().__init__(config)
         if config.patch_cells % DOWNSAMPLING:
             raise DataError(
@@ -196,7 +196,7 @@ class ImageModel(PatchNetwork):
         self.object_encoder = PatchEncoder(seen + own, own, config)
         self.relation_encoder = PatchEncoder(2 * seen + pair, pair, config)
         sizes = 4 + config.hidden, config.window, config.hidden, config.propagation_steps
-        self.network = PropNet(nn.Identity(), nn.Identity(), *sizes, edge_state=True)
+        self.network = PropagationNetwork(nn.Identity(), nn.Identity(), *sizes, edge_state=True)
         self.decoder = PatchDecoder(config)
 
     def forward(self, boxes: Tensor, patches: Tensor, static: Tensor, exists: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -210,7 +210,7 @@ class ImageModel(PatchNetwork):
 
         Returns:
             The boxes (B, N, 4) and patches (B, N, 4, cells, cells) `stride_frames` later, and collision logits
-            (B, N, N, window) as in `PatchModel.forward`.
+            (B, N, N, window) as in `PatchPropNet.forward`.
         """
         n, centre = boxes.shape[1], boxes[..., :2]
         motion, of_pair = self._features(boxes, static)

@@ -15,10 +15,10 @@ from nsdr.dynamics.propnet.explanation import NetworkExplanation
 from nsdr.dynamics.propnet.patch_model import (
     BOX_SCALE,
     PATCH_CHANNELS,
-    ImageModel,
-    PatchModel,
-    PatchModelConfig,
+    ImagePropNet,
     PatchNetwork,
+    PatchPropNet,
+    PatchPropNetConfig,
 )
 from nsdr.dynamics.propnet.patches import MAX_VALUE, object_patches, patch_boxes
 from nsdr.dynamics.track_smoothing import rollout_in_image, smooth_tracks, with_smoothed_tracks
@@ -30,22 +30,22 @@ from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 
-class PatchPredictor(PretrainedPart[PatchNetwork]):
+class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
     """A dynamics backend with PropNet on patches of masks (section 4.2 of the paper).
 
     Collisions in the video are detected in the observed samples. The future is rolled out from the last samples. Without an
     object, its vertex and edges are removed from the graph, and the whole video is rolled out from the first samples; objects
     that come into view later enter as observed.
 
-    Differs from the paper: see `PatchModel`; the frames of collisions are interpolated between samples.
+    Differs from the paper: see `PatchPropNet`; the frames of collisions are interpolated between samples.
 
     Args:
         model: the trained network.
     """
 
     part = "dynamics"
-    built_from: ClassVar[tuple[type, type[nn.Module]]] = (PatchModelConfig, PatchModel)
-    default_checkpoint = "dynamics_paper"
+    built_from: ClassVar[tuple[type, type[nn.Module]]] = (PatchPropNetConfig, PatchPropNet)
+    default_checkpoint = "propnet_patches"
 
     def __init__(self, model: PatchNetwork) -> None:
         self.model = model.eval()
@@ -209,32 +209,32 @@ class PatchPredictor(PretrainedPart[PatchNetwork]):
             for event in observed:
                 i, j = event.objects
                 later[:, i, j] = later[:, j, i] = 0.0
-            unseen = [replace(e, frame=max(e.frame, frames)) for e in self._collisions(later, ends[1:])]
-            rollouts.append(Rollout(location[c], inside[c], (*observed, *unseen), later.max(0)))
+            predicted = [replace(e, frame=max(e.frame, frames)) for e in self._collisions(later, ends[1:])]
+            rollouts.append(Rollout(location[c], inside[c], (*observed, *predicted), later.max(0)))
         return rollouts
 
 
-class ImagePredictor(PatchPredictor):
+class ImagePropNetPredictor(PatchPropNetPredictor):
     """A dynamics backend with PropNet on patches of images and masks (section 4.2 of the paper).
 
-    Rollouts are made like those of `PatchPredictor`. `MotionStates` that are given to its methods must have `patches` or, for
-    `explain`, `pixels`.
+    Rollouts are made like those of `PatchPropNetPredictor`. `MotionStates` that are given to its methods must have `patches`
+    or, for `explain`, `pixels`.
 
-    Differs from the paper: see `ImageModel`; the frames of collisions are interpolated between samples.
+    Differs from the paper: see `ImagePropNet`; the frames of collisions are interpolated between samples.
     """
 
-    built_from = (PatchModelConfig, ImageModel)
-    default_checkpoint = "dynamics_paper_images"
+    built_from = (PatchPropNetConfig, ImagePropNet)
+    default_checkpoint = "propnet_images"
 
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
-        """Explain the motion like `PatchPredictor.explain`, from the patches of the states or from their pixels.
+        """Explain the motion like `PatchPropNetPredictor.explain`, from the patches of the states or from their pixels.
 
         Raises:
             DataError: the states have neither patches nor pixels, or the pixels of another video.
         """
         if states.patches is None:
             if states.pixels is None:
-                raise DataError("dynamics 'paper_images' reads images; give videos, or use another backend")
+                raise DataError("dynamics 'propnet_images' reads images; give videos, or use another backend")
             states = replace(states, patches=object_patches(states.pixels, states, self.config))
         return super().explain(states, collisions)
 

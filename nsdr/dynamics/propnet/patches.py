@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pycocotools import mask as rle
 
 from nsdr.dynamics.motion_states import MotionStates, VideoPixels, extrapolate
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PATCH_CHANNELS, PatchModelConfig
+from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PATCH_CHANNELS, PatchPropNetConfig
 from nsdr.errors import DataError
 from nsdr.tracking.tracker import rows_of
 from nsdr.validation import FloatArray
@@ -54,7 +54,7 @@ def patch_boxes(
     return np.asarray(np.clip(np.nan_to_num(scaled, nan=FAR), -FAR, FAR))
 
 
-def object_patches(pixels: VideoPixels, states: MotionStates, config: PatchModelConfig) -> NDArray[np.uint8]:
+def object_patches(pixels: VideoPixels, states: MotionStates, config: PatchPropNetConfig) -> NDArray[np.uint8]:
     """Cut a patch around every object in every frame. It shows the object alone: pixels outside its mask are black.
 
     In a frame without a reliable detection, an object has its patch of the nearest frame with one.
@@ -102,7 +102,7 @@ def object_patches(pixels: VideoPixels, states: MotionStates, config: PatchModel
 
 
 def _patch(
-    frame: NDArray[np.uint8], mask: NDArray[np.uint8], centre: NDArray[Any], config: PatchModelConfig
+    frame: NDArray[np.uint8], mask: NDArray[np.uint8], centre: NDArray[Any], config: PatchPropNetConfig
 ) -> NDArray[np.uint8]:
     """The patch (4, cells, cells) around a centre (column, row) in the image; 0 outside the image."""
     side = round(config.patch_cells * config.cell_px)

@@ -8,7 +8,7 @@ from msgspec import Meta
 from torch import Tensor, nn
 
 from nsdr.dynamics.motion_states import STATIC_FEATURES
-from nsdr.dynamics.propnet.layers import PropNet, mlp
+from nsdr.dynamics.propnet.layers import PropagationNetwork, mlp
 from nsdr.validation import MAX_SIZE, Settings, Share, Size
 
 LENGTH_WORLD = 0.1
@@ -23,7 +23,7 @@ INERTIA_STEPS = 3
 
 
 @dataclass(frozen=True)
-class StateModelConfig(Settings):
+class PropNetConfig(Settings):
     """Sizes and time steps of the networks.
 
     Attributes:
@@ -44,23 +44,23 @@ class StateModelConfig(Settings):
     collision_threshold: Share = 0.5
 
 
-class StateModel(nn.Module):
+class PropNet(nn.Module):
     """Two propagation networks on windows of ground-plane states: a forward network and an observer network.
 
     All inputs are relative to the current position of the object or to another object, so the networks see no absolute
     positions, and training may rotate scenes.
     """
 
-    def __init__(self, config: StateModelConfig) -> None:
+    def __init__(self, config: PropNetConfig) -> None:
         super().__init__()
         self.config = config
         past, whole = config.past_steps, 2 * config.side_steps + 1
 
-        def network(samples: int, outputs: int) -> PropNet:
-            """A PropNet on windows of this many samples with this many outputs for each object."""
+        def network(samples: int, outputs: int) -> PropagationNetwork:
+            """A propagation network on windows of this many samples with this many outputs for each object."""
             width = config.hidden
             encoders = mlp(STATIC_FEATURES + 3 * samples, width, width), mlp(4 * samples + 1, width, width)
-            return PropNet(*encoders, outputs, 1, width, config.propagation_steps)
+            return PropagationNetwork(*encoders, outputs, 1, width, config.propagation_steps)
 
         self.forward_network = network(past, 2)
         self.observer_network = network(whole, 1)

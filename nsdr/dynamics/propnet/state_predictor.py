@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from nsdr.dynamics.base import Explanation
 from nsdr.dynamics.motion_states import MotionStates, extrapolate, object_features
 from nsdr.dynamics.propnet.explanation import NetworkExplanation
-from nsdr.dynamics.propnet.state_model import StateModel, StateModelConfig
+from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
 from nsdr.dynamics.track_smoothing import (
     SmoothedTracks,
     rollout_in_image,
@@ -29,7 +29,7 @@ OBSERVED_AT_ONCE = 32
 """Number of frames in a batch of the observer network, which fits into a processor's cache. Results do not depend on it."""
 
 
-class StatePredictor(PretrainedPart[StateModel]):
+class PropNetPredictor(PretrainedPart[PropNet]):
     """A dynamics backend with propagation networks on ground-plane states (section 4.2 of the paper).
 
     Differs from the paper: the inputs are states instead of image patches; collisions in the video are detected from the motion
@@ -41,9 +41,9 @@ class StatePredictor(PretrainedPart[StateModel]):
     """
 
     part = "dynamics"
-    built_from = (StateModelConfig, StateModel)
+    built_from = (PropNetConfig, PropNet)
 
-    def __init__(self, model: StateModel) -> None:
+    def __init__(self, model: PropNet) -> None:
         self.model = model.eval()
         self.config = model.config
 

@@ -136,7 +136,7 @@ def multiple_choice_questions(scene: Scene, rng: random.Random) -> Iterator[Ques
     Predictive and counterfactual questions are omitted when the scene lacks that ground truth.
     """
     yield from _explanatory(scene, rng)
-    if scene.unseen:
+    if scene.predicted:
         yield from _predictive(scene, rng)
     if scene.counterfactual is not None:
         yield from _counterfactual(scene, rng)
