@@ -47,7 +47,7 @@ from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.dynamics.physics import VERSION
 from nsdr.dynamics.physics.simulator import NO_CONTACT, simulate
 from nsdr.evaluation.measures import percent
-from nsdr.evaluation.score import evaluate
+from nsdr.evaluation.score import score_scenes
 from nsdr.generate.physics.bullet import BulletMotion, Contact, Simulator
 from nsdr.generate.physics.disturbed import disturbed, states_at
 from nsdr.generate.physics.scene import SimulatedScene
@@ -231,7 +231,7 @@ def answers(
             for i, rows in documents[scene.scene_index]["found"][name].items()
         }
         executors.append(Executor(replace(truths[scene.scene_index], counterfactual=worlds)))
-    return evaluate(zip(asked, executors, strict=True))["counterfactual"]
+    return score_scenes(zip(asked, executors, strict=True))["counterfactual"]
 
 
 def main() -> None:

@@ -23,7 +23,6 @@ from nsdr.dynamics.registry import load_backend
 from nsdr.evaluation.measures import accuracy_interval, wilson_interval
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.disturbed import bodies_of
-from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.fingerprint import code_revision
 from nsdr.world.vocabulary import SHAPES
 
@@ -98,7 +97,7 @@ def named(scene: Scene, event: Event) -> Names:
 
 def load_default(dynamics: str = "physics") -> Any:
     """A dynamics backend with the default weights."""
-    return load_backend(find_checkpoint("default"), dynamics)
+    return load_backend(dynamics)
 
 
 def add_real_scenes(parser: ArgumentParser) -> None:

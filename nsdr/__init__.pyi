@@ -23,8 +23,8 @@ from .errors import (
     QuestionError as QuestionError,
     VideoError as VideoError,
 )
-from .evaluation.runner import EvaluationConfig as EvaluationConfig, run_evaluation as run_evaluation
-from .evaluation.score import evaluate as evaluate
+from .evaluation.report import Report as Report
+from .evaluation.runner import evaluate as evaluate
 from .frame_parser.check.video import VideoConfig as VideoConfig
 from .frame_parser.dataset import FrameDataset as FrameDataset
 from .frame_parser.model import build_frame_parser as build_frame_parser

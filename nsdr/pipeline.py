@@ -1,29 +1,33 @@
 """The whole system: a video and a question go in, an answer with its trace comes out."""
 
+import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.dynamics import registry
 from nsdr.dynamics.base import Dynamics, Explanation
 from nsdr.dynamics.motion_states import VideoPixels, states_from_tracks
-from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend
+from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend, weights_folder
 from nsdr.dynamics.scene import collisions_of, scene_from_prediction
 from nsdr.dynamics.simulation import simulate
-from nsdr.errors import QuestionError, VideoError
+from nsdr.errors import DataError, QuestionError, VideoError
 from nsdr.frame_parser.check.video import VideoConfig, check_video, clip_frames
-from nsdr.io.checkpoint import HasWeights, find_checkpoint
+from nsdr.io.checkpoint import PIPELINE, HasWeights, find_checkpoint, folder_of_part, is_default
 from nsdr.io.decoding import check_is_video
 from nsdr.io.device import resolve_device, without_compiler
+from nsdr.io.files import write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.notes import Note, distinct, unsaid
 from nsdr.io.registry import checked_result
 from nsdr.laws.judge import judge_tracks
 from nsdr.pipeline_config import PipelineConfig, pipeline_settings
+from nsdr.question_parser import loading
 from nsdr.question_parser.base import Parser, read_programs
 from nsdr.question_parser.loading import load_parser
 from nsdr.symbolic import Executor
@@ -106,13 +110,18 @@ class Pipeline:
         config: PipelineConfig | str | Path | None = None,
         device: str = "auto",
     ) -> "Pipeline":
-        """Load the three parts from a checkpoint folder or its name (see `nsdr.io.checkpoint`).
+        """Load the parts from a checkpoint.
+
+        A checkpoint may have only some parts, such as the one that was trained; a warning says which others are those of
+        `default`. Parts that alone were trained are used: the networks of a checkpoint that has only `question_parser` parse
+        the questions.
 
         Args:
-            path_or_id: where the checkpoint is.
+            path_or_id: a folder, a name, or a repository of the Hugging Face Hub (see `nsdr.io.checkpoint.find_checkpoint`).
             dynamics: a backend by name ("physics", "propnet", "propnet_patches" or one of another package), a YAML file, or its
                 settings; "" for that of `config`.
-            config: settings of all parts, their YAML file, or the name of one that ships: "paper" for the paper's system.
+            config: settings of all parts, their YAML file, or the name of one that ships: "paper" for the paper's system; None
+                for those that `save_pretrained` stored in the checkpoint, or the defaults.
             device: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
 
         Raises:
@@ -121,7 +130,7 @@ class Pipeline:
             EndpointError: the server of the question parser does not answer.
         """
         if not isinstance(config, PipelineConfig):
-            config = pipeline_settings(config or "")
+            config = pipeline_settings(config or "", checkpoint=path_or_id)
         if dynamics:
             config = replace(config, dynamics=backend_settings(dynamics))
         folder = find_checkpoint(path_or_id)
@@ -131,17 +140,53 @@ class Pipeline:
         with without_compiler():
             from nsdr.frame_parser.parser import FrameParser
         frame_parser = FrameParser.from_checkpoint(
-            folder, batch_size=config.batch_size, stride=config.stride, precision=config.precision
+            folder_of_part(folder, "frame_parser"),
+            batch_size=config.batch_size,
+            stride=config.stride,
+            precision=config.precision,
         )
-        backend = load_backend(folder, config.dynamics)
+        backend = load_backend(config.dynamics, folder)
+        if borrowed := _borrowed(folder, config):
+            warnings.warn(f"{folder} has no {', '.join(borrowed)}; the shipped ones are used", stacklevel=2)
         pipeline = cls(frame_parser, backend, parser, config.tracker, config.video, config.camera)
         return pipeline.to(device)
 
     def save_pretrained(self, folder: str | Path) -> None:
-        """Write the weights of the parts that have any, for `from_pretrained(folder)`."""
+        """Write the weights and settings of all parts, for `from_pretrained(folder)`.
+
+        Raises:
+            DataError: a part of your own, of which a checkpoint could not say how it is loaded; names it.
+        """
+        settings = self.settings
         for part in (self.frame_parser, self.dynamics, self.question_parser):
             if isinstance(part, HasWeights):
                 part.save_pretrained(folder)
+        write_json(Path(folder) / PIPELINE, asdict(settings), indent=1)
+
+    @property
+    def settings(self) -> PipelineConfig:
+        """The settings with which `from_pretrained` composes these parts again.
+
+        Raises:
+            DataError: a part of your own, which is not named by settings; names it.
+        """
+        from nsdr.frame_parser.parser import FrameParser
+
+        parser = self.frame_parser
+        if type(parser) is not FrameParser:
+            raise DataError(f"{type(parser).__name__} is no nsdr.FrameParser, and cannot be stored")
+        name, extensions = loading.settings_of(self.question_parser)
+        return PipelineConfig(
+            stride=parser.stride,
+            batch_size=parser.batch_size,
+            precision=parser.precision,
+            video=self.video,
+            camera=self.camera,
+            tracker=self.tracker,
+            dynamics=registry.settings_of(self.dynamics),
+            question_parser=name,
+            extensions=extensions,
+        )
 
     def to(self, device: str) -> "Pipeline":
         """Move the networks to a device ("auto", "cpu", "cuda", …); returns the pipeline.
@@ -378,3 +423,16 @@ class Pipeline:
             return executor.answer(parsed, question, choices or ())
         texts = choices or [str(p) for p in parsed_choices]
         return executor.answer_choices(parsed, list(zip(texts, parsed_choices, strict=True)), question)
+
+
+def _borrowed(folder: Path, config: PipelineConfig) -> list[str]:
+    """The parts that a checkpoint lacks, and which a shipped one has."""
+    if is_default(folder):
+        return []
+    taken = {
+        "frame_parser": folder_of_part(folder, "frame_parser"),
+        "dynamics": weights_folder(folder, config.dynamics),
+    }
+    if config.question_parser == loading.NETWORK:
+        taken["question_parser"] = folder_of_part(folder, "question_parser")
+    return [part for part, found in taken.items() if found != folder]

@@ -9,15 +9,15 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, checkpoint_folders
+from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, weights_folder
 from nsdr.errors import DataError
 from nsdr.frame_parser.check.video import VideoConfig
-from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.checkpoint import PIPELINE, find_checkpoint, folder_of_part, has_part, load_description
 from nsdr.io.configuration import parse_config
 from nsdr.io.device import PRECISIONS
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.shipped import find_config
-from nsdr.question_parser.loading import GRAMMAR, check_parser
+from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.camera import Camera, check_release_size
@@ -75,26 +75,35 @@ class PipelineConfig(Settings):
         versions = {stage.__name__: stage.VERSION for stage in (frame_parser, tracking, dynamics, backend)}
         plugin = sys.modules[BACKENDS[self.dynamics.backend].__module__]
         versions[plugin.__name__] = getattr(plugin, "VERSION", 0)
-        weights = checkpoint_folders(find_checkpoint(checkpoint), self.dynamics)
+        folder = find_checkpoint(checkpoint)
+        parser = folder_of_part(folder, "frame_parser")
+        weights = [*(parser / f"frame_parser.{ending}" for ending in ("json", "safetensors"))]
+        weights.append(weights_folder(folder, self.dynamics))
         background = [Path(self.video.background)] if self.video.background else []
         settings = {name: value for name, value in asdict(self).items() if name not in OF_QUESTIONS}
         return fingerprint(inputs=background, config=[*made, settings, versions], weights=weights)
 
 
 def pipeline_settings(
-    file: str | Path = "", dynamics: str | Path = "", overrides: Sequence[str] = ()
+    file: str | Path = "",
+    dynamics: str | Path = "",
+    overrides: Sequence[str] = (),
+    checkpoint: str | Path = "default",
 ) -> PipelineConfig:
     """Settings from a YAML file, a dynamics backend and single overrides, the later ones winning.
 
     Args:
-        file: YAML file of a `PipelineConfig`, or the name of one that ships, such as "paper"; "" for the defaults.
+        file: YAML file of a `PipelineConfig`, or the name of one that ships, such as "paper"; "" for those that were saved with
+            the checkpoint, or the defaults.
         dynamics: a backend's name, or a YAML file of a `BackendConfig`; "" for that of `file`.
         overrides: "key=value" each, such as "tracker.score=0.8" or "dynamics.physics.runs=10".
+        checkpoint: where the weights are, as in `find_checkpoint`.
 
     Raises:
+        CheckpointError: there is no such checkpoint.
         DataError: an unknown key or value; names it.
     """
-    argv = ["--config", str(find_config(file, "pipeline"))] if file else []
+    argv = ["--config", str(find_config(file, "pipeline"))] if file else _saved_with(checkpoint)
     if dynamics:
         is_file = str(dynamics).endswith((".yaml", ".yml"))
         argv += ["--dynamics" if is_file else "--dynamics.backend", str(dynamics)]
@@ -112,6 +121,21 @@ def pipeline_settings(
     config = parse_config(PipelineConfig, argv, "nsdr")
     backend_settings(config.dynamics)
     return config
+
+
+def _saved_with(checkpoint: str | Path) -> list[str]:
+    """The settings that a pipeline was saved with, or those which use the parts that alone were trained; as arguments."""
+    if str(checkpoint) == "default":
+        return []
+    folder = find_checkpoint(checkpoint)
+    if (folder / PIPELINE).is_file():
+        return ["--config", str(folder / PIPELINE)]
+    argv = []
+    if has_part(folder, "dynamics") and not has_part(folder, "collisions"):
+        argv += ["--dynamics.backend", str(load_description(folder, "dynamics").get("network", "propnet"))]
+    if has_part(folder, "question_parser") and not has_part(folder, "frame_parser"):
+        argv += ["--question_parser", NETWORK]
+    return argv
 
 
 def idle_without_video(file: str | Path, overrides: Sequence[str]) -> list[str]:

@@ -142,8 +142,8 @@ def test_a_baseline_overfits_eight_questions(name: str, scenes, folder) -> None:
             break
     assert loss < 0.1
     report = score_answers(baseline.answer_questions(two, features))
-    assert report["errors"] == 0
-    assert all(result["correct"] for result in report["results"])
+    assert report.errors == 0
+    assert all(result["correct"] for result in report.results)
     assert report["descriptive"]["n"] == 2 * len(two)
 
 
@@ -342,11 +342,11 @@ def test_what_cannot_be_answered_counts_as_wrong_and_says_why(scenes, folder) ->
     missing = replace(scenes[1], scene_index=99)
     asked = [replace(scenes[0], questions=(strange, *scenes[0].questions[1:])), missing]
     report = score_answers(baseline.answer_questions(asked, features))
-    errors = [r.get("error", "") for r in report["results"]]
+    errors = [r.get("error", "") for r in report.results]
     assert "pyramids" in errors[0]
     assert errors[1:4] == [""] * 3
     assert all("00099.safetensors" in error for error in errors[4:])
-    assert report["errors"] == 5
+    assert report.errors == 5
 
 
 def test_a_damaged_description_is_named(scenes, folder, tmp_path) -> None:

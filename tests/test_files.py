@@ -22,7 +22,8 @@ from nsdr.clevrer.files.annotations import read_annotation, write_annotation
 from nsdr.clevrer.files.proposals import read_ground_truth
 from nsdr.clevrer.files.questions import Choice, read_questions, without_answers, write_questions
 from nsdr.cli.main import main
-from nsdr.evaluation import EvaluationConfig, evaluate, format_table, run_evaluation
+from nsdr.evaluation import EvaluationConfig, run_evaluation
+from nsdr.evaluation.score import score_scenes
 from nsdr.symbolic import Executor
 from tests.robustness import good
 
@@ -230,7 +231,7 @@ def test_an_annotation_has_its_own_length(root, tmp_path) -> None:
     write_annotation(path, short)
     assert len(read_annotation(path)["motion_trajectory"]) == 64
     report = evaluate_file(root / "questions" / "train.json", "annotations", root / "annotations" / "train")
-    assert (report["errors"], report["descriptive"]["accuracy"]) == (0, 1.0)
+    assert (report.errors, report["descriptive"]["accuracy"]) == (0, 1.0)
     command = ["evaluate", "--root", str(root), "--split", "train", "--source", "annotations", "--programs", "gold"]
     assert main([*command, "-o", str(tmp_path / "r.json")]) == 0
     assert json.loads((tmp_path / "r.json").read_text())["descriptive"]["accuracy"] == 1.0
@@ -293,9 +294,9 @@ def test_evaluation_on_predictions_with_both_semantics(root, tmp_path) -> None:
     questions = root / "questions" / "train.json"
     paper = evaluate_file(questions, "predictions", tmp_path, programs="gold")
     official = evaluate_file(questions, "predictions", tmp_path, programs="gold", semantics="official")
-    assert paper["results"][0]["answer"] == "1"
-    assert official["results"][0]["answer"] == "2"
-    assert official["results"][0]["correct"] is False
+    assert paper.results[0]["answer"] == "1"
+    assert official.results[0]["answer"] == "2"
+    assert official.results[0]["correct"] is False
 
 
 def test_failed_questions_count_as_wrong_and_are_listed(root, capsys) -> None:
@@ -318,12 +319,12 @@ def test_failures_of_single_choices_are_counted(example_scene) -> None:
     question = next(q for q in scene.questions if q.type == "predictive")
     absent = Choice(9, "the yellow cube", ("objects", "yellow", "filter_color", "unique"), "wrong")
     asked = replace(scene, questions=(replace(question, choices=(*question.choices, absent)),))
-    report = evaluate([(asked, Executor(example_scene))])
-    assert report["errors"] == 1
-    assert "error" not in report["results"][0]
-    assert "no object in this video is yellow; it has: " in report["results"][0]["choices"][-1]["error"]
+    report = score_scenes([(asked, Executor(example_scene))])
+    assert report.errors == 1
+    assert "error" not in report.results[0]
+    assert "no object in this video is yellow; it has: " in report.results[0]["choices"][-1]["error"]
     assert report["predictive"]["per_question"] == 1.0
-    assert "0 questions failed and count as wrong; choices of 1 failed and are judged wrong" in format_table(report)
+    assert "0 questions failed and count as wrong; choices of 1 failed and are judged wrong" in str(report)
 
 
 def test_questions_without_answers_are_answered_and_not_scored(root, capsys) -> None:
@@ -347,15 +348,15 @@ def test_questions_without_answers_are_answered_and_not_scored(root, capsys) -> 
     half = replace(
         example, questions=(choices[0], *without_answers(replace(example, questions=(choices[1],))).questions)
     )
-    report = evaluate([(half, DataError("no scene"))])
-    assert [("correct" in r, "correct" in r["choices"][0]) for r in report["results"]] == [(True, True), (False, False)]
-    assert (report["errors"], report["unlabelled"]) == (2, 1)
-    assert "1 questions have no answers in their file" in format_table(report)
+    report = score_scenes([(half, DataError("no scene"))])
+    assert [("correct" in r, "correct" in r["choices"][0]) for r in report.results] == [(True, True), (False, False)]
+    assert (report.errors, report.unlabelled) == (2, 1)
+    assert "1 questions have no answers in their file" in str(report)
 
 
 def test_question_types_are_selected_and_validated(root, example_scene) -> None:
     scenes = read_questions(QUESTIONS)
-    report = evaluate([(scenes[0], Executor(example_scene))], types=["predictive"])
+    report = score_scenes([(scenes[0], Executor(example_scene))], types=["predictive"])
     assert report["predictive"]["per_question"] == 1.0
     assert report["descriptive"]["n"] == 0
     questions = root / "questions" / "train.json"

@@ -17,7 +17,7 @@ from nsdr.dynamics.propnet.layers import PropagationNetwork
 from nsdr.dynamics.propnet.patch_model import ImagePropNet, PatchPropNetConfig
 from nsdr.dynamics.propnet.patch_predictor import ImagePropNetPredictor
 from nsdr.dynamics.propnet.patches import object_patches
-from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
+from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend, weights_folder
 from nsdr.dynamics.velocity_events import VelocityEvents
 from nsdr.evaluation import EvaluationConfig, run_evaluation
 from nsdr.io.checkpoint import find_checkpoint, save_checkpoint
@@ -265,9 +265,9 @@ def test_training_writes_a_checkpoint_that_a_backend_reads(root, tmp_path) -> No
     assert 0 < last["image_error_5_kept"] < 0.2
     settings = tmp_path / "images.yaml"
     settings.write_text(f"backend: propnet_images\nweights: {output}\n")
-    backend = load_backend(Path("none"), str(settings))
+    backend = load_backend(str(settings))
     assert isinstance(backend, ImagePropNetPredictor)
-    assert checkpoint_folders(Path("none"), backend_settings(str(settings))) == [Path("none"), Path(output)]
+    assert weights_folder(Path("none"), backend_settings(str(settings))) == Path(output)
     video, proposals, _, _ = scene(root)
 
     class Parser:
@@ -292,6 +292,7 @@ def test_an_evaluation_gives_the_videos_of_proposals_to_a_backend_on_images(root
     common = {
         "questions": str(tmp_path / "questions.json"),
         "data": str(root / "derender_proposals"),
+        "source": "proposals",
         "programs": "gold",
         "cache": str(tmp_path / "scenes"),
         "workers": 1,
@@ -300,23 +301,21 @@ def test_an_evaluation_gives_the_videos_of_proposals_to_a_backend_on_images(root
     }
     images, videos = str(tmp_path / "images.yaml"), str(root / "videos" / "train")
     report = run_evaluation(EvaluationConfig(**common, dynamics=images, videos=videos))
-    assert [r.get("error") for r in report["results"]] == [None]
+    assert [r.get("error") for r in report.results] == [None]
     assert report["descriptive"]["accuracy"] == 1.0
     without = run_evaluation(EvaluationConfig(**common, dynamics=images))
-    assert "reads images; give videos" in without["results"][0]["error"]
+    assert "reads images; give videos" in without.results[0]["error"]
     with pytest.raises(DataError, match="videos would do nothing: dynamics 'physics' reads no images"):
         run_evaluation(EvaluationConfig(**common, videos=videos))
     with pytest.raises(DataError, match="videos goes with --source proposals"):
-        EvaluationConfig(**common, source="videos", videos=videos)
+        EvaluationConfig(**{**common, "source": "videos"}, videos=videos)
 
 
 def test_the_shipped_weights_stand_for_the_default_checkpoint(root) -> None:
-    backend = load_backend(find_checkpoint(), "propnet_images")
+    backend = load_backend("propnet_images")
     assert isinstance(backend, ImagePropNetPredictor)
     assert (backend.config.hidden, backend.config.patch_cells) == (512, 24)
-    assert checkpoint_folders(find_checkpoint(), backend_settings("propnet_images"))[1:] == [
-        find_checkpoint("propnet_images")
-    ]
+    assert weights_folder(find_checkpoint(), backend_settings("propnet_images")) == find_checkpoint("propnet_images")
     video, proposals, tracks, _ = scene(root)
     prediction = backend.explain(states_from_tracks(tracks, VideoPixels(read_frames(video), proposals, tracks)))
     assert prediction.observed.location_world.shape == (2, 180, 2)

@@ -20,7 +20,7 @@ from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchPropNet, PatchProp
 from nsdr.dynamics.propnet.patch_predictor import PatchPropNetPredictor
 from nsdr.dynamics.propnet.patches import patch_boxes
 from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
-from nsdr.dynamics.registry import BackendConfig, backend_settings, checkpoint_folders, load_backend
+from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend, weights_folder
 from nsdr.dynamics.velocity_events import VelocityEvents, collisions_from_motion
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import Rollout, SceneObject, Track, VideoTracks
@@ -445,22 +445,22 @@ def test_the_patch_network_is_permutation_equivariant_and_draws_masks() -> None:
 
 def test_backends_are_found_by_name_or_file(tmp_path) -> None:
     folder = find_checkpoint()
-    assert isinstance(load_backend(folder), PhysicsPredictor)
-    assert isinstance(load_backend(folder, "propnet"), PropNetPredictor)
+    assert isinstance(load_backend("physics", folder), PhysicsPredictor)
+    assert isinstance(load_backend("propnet", folder), PropNetPredictor)
     file = tmp_path / "mine.yaml"
     file.write_text("backend: propnet\ncollisions: velocity\n")
-    backend = load_backend(folder, file)
+    backend = load_backend(file, folder)
     assert isinstance(backend, VelocityEvents)
     assert isinstance(backend.backend, PropNetPredictor)
-    assert load_backend(folder, "configs/dynamics/physics.yaml").config == PhysicsConfig()  # type: ignore[attr-defined]
+    assert load_backend("configs/dynamics/physics.yaml", folder).config == PhysicsConfig()  # type: ignore[attr-defined]
     file.write_text("backend: physics\nphysics: {runs: 7}\n")
-    physics = load_backend(folder, file)
+    physics = load_backend(file, folder)
     assert isinstance(physics, PhysicsPredictor)
     assert physics.config.runs == 7
     with pytest.raises(DataError, match="'magic': expected one of physics, propnet, propnet_patches"):
-        load_backend(folder, "magic")
+        load_backend("magic", folder)
     with pytest.raises(DataError, match=r"predicted\|velocity.*collisions"):
-        load_backend(folder, BackendConfig(collisions="none"))
+        load_backend(BackendConfig(collisions="none"), folder)
 
 
 @pytest.mark.parametrize(
@@ -479,21 +479,18 @@ def test_settings_that_would_do_nothing_are_refused(tmp_path, text: str, message
 def test_the_papers_backend_takes_the_checkpoint_it_is_given(paper: PatchPropNetPredictor, tmp_path) -> None:
     paper.save_pretrained(tmp_path)
     config = BackendConfig("propnet_patches")
-    assert load_backend(tmp_path, config).config == paper.config  # type: ignore[attr-defined]
-    assert checkpoint_folders(tmp_path, config) == [tmp_path]
+    assert load_backend(config, tmp_path).config == paper.config  # type: ignore[attr-defined]
+    assert weights_folder(tmp_path, config) == tmp_path
     default = find_checkpoint()
-    assert load_backend(default, config).config.hidden == 512  # type: ignore[attr-defined]
-    assert checkpoint_folders(default, config) == [default, find_checkpoint("propnet_patches")]
+    assert load_backend(config, default).config.hidden == 512  # type: ignore[attr-defined]
+    assert weights_folder(default, config) == find_checkpoint("propnet_patches")
 
 
 def test_weights_of_ones_own_need_no_shipped_ones(paper: PatchPropNetPredictor, tmp_path, monkeypatch) -> None:
     paper.save_pretrained(tmp_path)
 
-    def none_ships(name: str = "default") -> None:
-        raise CheckpointError(f"no checkpoint {name}")
-
-    monkeypatch.setattr("nsdr.dynamics.registry.find_checkpoint", none_ships)
-    assert load_backend(tmp_path, "propnet_patches").config == paper.config  # type: ignore[attr-defined]
+    monkeypatch.setattr("nsdr.io.checkpoint.shipped_folders", lambda _: [])
+    assert load_backend("propnet_patches", tmp_path).config == paper.config  # type: ignore[attr-defined]
 
 
 def test_checkpoints_of_another_network_are_named(
@@ -504,11 +501,11 @@ def test_checkpoints_of_another_network_are_named(
     with pytest.raises(
         CheckpointError, match=r"propnet/dynamics\.json: expected a network of PatchPropNetConfig.*side_steps"
     ):
-        load_backend(tmp_path / "propnet", "propnet_patches")
+        load_backend("propnet_patches", tmp_path / "propnet")
     with pytest.raises(
         CheckpointError, match=r"propnet_patches/dynamics\.json: expected a network of PropNetConfig.*patch_cells"
     ):
-        load_backend(tmp_path / "propnet_patches", "propnet")
+        load_backend("propnet", tmp_path / "propnet_patches")
     description = tmp_path / "propnet" / "dynamics.json"
     for old, new, reason in (
         ('"hidden": 16', '"hidden": 8', "size mismatch"),

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from nsdr import (
-    CheckpointError,
     DataError,
     DynamicsPrediction,
     ExecutionError,
@@ -294,10 +293,3 @@ def test_a_pipeline_is_saved_and_loaded(pipeline: Pipeline, perception: Percepti
     assert again.perceive(proposals=perception.proposals).scene == perception.scene
     with pytest.raises(DataError, match="device 'zebra' cannot be used"):
         again.to("zebra")
-
-
-def test_a_saved_pipeline_is_loaded_with_its_backend(tmp_path: Path) -> None:
-    Pipeline.from_pretrained(dynamics="propnet").save_pretrained(tmp_path / "m")
-    assert type(Pipeline.from_pretrained(tmp_path / "m", dynamics="propnet").dynamics).__name__ == "PropNetPredictor"
-    with pytest.raises(CheckpointError, match=r"m: has no collisions\.safetensors.*--dynamics propnet"):
-        Pipeline.from_pretrained(tmp_path / "m")

@@ -133,7 +133,10 @@ def test_parts_that_return_something_else_are_named(example_scene, short_video) 
 
 def test_unknown_names_and_broken_packages_are_named(capsys) -> None:
     assert main(["answer", str(VIDEO), "-q", "How many collisions happen?", "--dynamics", "zebra"]) == 2
-    assert "dynamics backend (or YAML file) 'zebra': expected one of physics, propnet, propnet_patches" in capsys.readouterr().err
+    assert (
+        "dynamics backend (or YAML file) 'zebra': expected one of physics, propnet, propnet_patches"
+        in capsys.readouterr().err
+    )
     parts: Registry[object] = Registry("part", "nsdr.nothing", {"broken": "nsdr.nowhere:thing"})
     with pytest.raises(nsdr.DataError, match=r"part 'broken': cannot load nsdr\.nowhere:thing"):
         parts["broken"]

@@ -14,7 +14,8 @@ from nsdr.clevrer.files.questions import read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth
 from nsdr.dynamics.physics.body_state import VELOCITY
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
-from nsdr.evaluation import EvaluationConfig, evaluate, run_evaluation
+from nsdr.evaluation import EvaluationConfig, run_evaluation
+from nsdr.evaluation.score import score_scenes
 from nsdr.frame_parser.check.reasons import camera_motion
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.io.video import read_video
@@ -33,7 +34,7 @@ def test_true_scenes_answer_all_explanatory_questions(shared) -> None:
     scenes = read_questions(shared / "real/questions/explanatory_train.json")
     blocks = [truth[s.scene_index] for s in scenes]
     pairs = [(s, Executor(scene_from_ground_truth(b, b["n_frames"]))) for s, b in zip(scenes, blocks, strict=True)]
-    report = evaluate(pairs)["explanatory"]
+    report = score_scenes(pairs)["explanatory"]
     assert (report["per_option"], report["per_question"]) == (1.0, 1.0)
     assert (report["n_options"], report["n_questions"]) == (2004, 501)
 
@@ -47,7 +48,7 @@ def test_true_scenes_answer_all_questions_without_motion(shared) -> None:
         for s in read_questions(shared / "real/questions/mixed_dev.json")
         for q in s.questions
     }
-    rows = [r for r in report["results"] if r["question_type"] == "descriptive"]
+    rows = [r for r in report.results if r["question_type"] == "descriptive"]
     still = [r for r in rows if not MOTION & set(programs[r["scene_index"], r["question_id"]] or ())]
     assert len(still) == 571
     assert all(r["correct"] for r in still)
@@ -163,7 +164,7 @@ def test_real_proposals_are_answered_well(shared) -> None:
     pairs = [
         (s, Executor(pipeline.perceive(proposals=found[s.scene_index]).scene, data_set_rules=True)) for s in scenes
     ]
-    report = evaluate(pairs, pipeline.question_parser.parse)
+    report = score_scenes(pairs, pipeline.question_parser.parse)
     assert report["descriptive"]["accuracy"] > 0.94
     assert report["explanatory"]["per_option"] > 0.93
     assert report["counterfactual"]["per_option"] > 0.93

@@ -11,8 +11,9 @@ from nsdr.baselines import keep_recording, tag_options
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
 from nsdr.errors import ExecutionError
-from nsdr.evaluation import accuracy_interval, evaluate, format_table, wilson_interval
+from nsdr.evaluation import accuracy_interval, wilson_interval
 from nsdr.evaluation.runner import EvaluationConfig
+from nsdr.evaluation.score import score_scenes
 from nsdr.symbolic import Executor
 
 OBJECTS = tuple(SceneObject(i, color, "rubber", "cube") for i, color in enumerate(["red", "green", "blue"]))
@@ -46,11 +47,11 @@ def test_the_recording_keeps_what_the_removed_object_has_no_part_in() -> None:
 def test_options_are_tagged_by_what_the_recording_answers(answer: str, tag: str, right: bool) -> None:
     tagged = tag_options(asked(answer), scene(None))
     executor = Executor(scene({0: (), 1: (), 2: ()}))  # without the red cube, the others do not meet
-    report = evaluate([(tagged, executor)])
-    assert report["results"][0]["choices"][0]["tag"] == tag
+    report = score_scenes([(tagged, executor)])
+    assert report.results[0]["choices"][0]["tag"] == tag
     tags = report["counterfactual"]["tags"]
     assert (tags[tag]["n_options"], tags[tag]["per_option"]) == (1, float(right))
-    assert f"  {tag}" in format_table(report)
+    assert f"  {tag}" in str(report)
 
 
 def with_choice(scene_questions: SceneQuestions, **values) -> SceneQuestions:
@@ -85,7 +86,7 @@ def test_what_cannot_be_tagged_is_an_error(questions: SceneQuestions, message: s
 
 def test_questions_that_fail_count_in_their_half() -> None:
     tagged = with_choice(asked("wrong"), tag="inferential")
-    report = evaluate([(tagged, ExecutionError("no video"))])
+    report = score_scenes([(tagged, ExecutionError("no video"))])
     assert report["counterfactual"]["tags"]["inferential"]["n_options"] == 1
 
 

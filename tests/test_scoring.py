@@ -22,8 +22,8 @@ from nsdr.clevrer import (
 from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.cli.main import main
-from nsdr.evaluation.measures import compare_reports, difference_interval, format_comparison
-from nsdr.evaluation.responses import format_report, reference_rows, score_responses
+from nsdr.evaluation.measures import compare_results, difference_interval, format_comparison
+from nsdr.evaluation.responses import reference_rows, score_responses
 
 OPEN = Question(0, "What color is it?", "descriptive", "query_color", None, "red")
 WHAT_IF = Question(
@@ -107,7 +107,7 @@ def test_unread_missing_and_unknown_answers_are_counted(tmp_path: Path) -> None:
     report = score_responses(SCENES, read_answers(tmp_path / "a.jsonl"))
     assert (report["descriptive"]["accuracy"], report["descriptive"]["n"]) == (0.8, 10)
     assert report["counterfactual"]["per_option"] == 0.9
-    responses = report["responses"]
+    responses = report.responses
     assert (responses["questions"], responses["answered"], responses["scored"]) == (20, 19, 20)
     assert (responses["missing"], responses["unknown"]) == (["10009-1"], ["77-1"])
     assert responses["unread_by_type"]["descriptive"] == 2
@@ -117,7 +117,7 @@ def test_unread_missing_and_unknown_answers_are_counted(tmp_path: Path) -> None:
         "problem": "several answer words: blue, red",
         "response": "red or blue",
     }
-    text = format_report(report)
+    text = str(report)
     for line in (
         "1 have none (10009-1): they count as wrong",
         "1 answers are about other questions (77-1): ignored",
@@ -128,7 +128,7 @@ def test_unread_missing_and_unknown_answers_are_counted(tmp_path: Path) -> None:
 
     allowed = score_responses(SCENES, read_answers(tmp_path / "a.jsonl"), allow_missing=True)
     assert allowed["counterfactual"]["per_option"] == 1.0
-    assert "they are left out" in format_report(allowed)
+    assert "they are left out" in str(allowed)
 
 
 def test_halves_come_from_the_question_file(tmp_path: Path) -> None:
@@ -167,14 +167,14 @@ def test_pairs_count_where_both_are_right() -> None:
     def pairs(*words: str, allow_missing: bool = False) -> dict[str, tuple[float, int]]:
         given = {(10000 + i, 0): word for i, word in enumerate(words)}
         report = score_responses(scenes, given, allow_missing)
-        return {kind: (row["accuracy"], row["n"]) for kind, row in report.get("pairs", {}).items()}
+        return {kind: (row["accuracy"], row["n"]) for kind, row in report.tables.get("pairs", {}).items()}
 
     assert pairs("red", "red", "red", "blue") == {"changed": (0, 1), "mirrored": (1, 1), "noisy": (0, 1)}
     assert pairs("red", "blue", "red", "red") == {"changed": (1, 1), "mirrored": (1, 1), "noisy": (1, 1)}
     assert pairs("blue", "blue", "red", "red") == {"changed": (0, 1), "mirrored": (0, 1), "noisy": (0, 1)}
     assert pairs("red", "blue", allow_missing=True) == {"changed": (1, 1)}
-    assert "pairs" not in score_responses(SCENES, {(10000, 0): "red"})
-    text = format_report(score_responses(scenes, {(10000, 0): "red", (10002, 0): "red"}))
+    assert "pairs" not in score_responses(SCENES, {(10000, 0): "red"}).tables
+    text = str(score_responses(scenes, {(10000, 0): "red", (10002, 0): "red"}))
     assert re.search(r"^changed pairs, both +0.0 \[0.0, .*\] +1$", text, re.MULTILINE)
     assert re.search(r"noisy\n( +always-.*\n){2} +frequent .* 0.0 +100.0 +100.0$", text, re.MULTILINE)
     assert re.search(r"^mirrored pairs, both +100.0 \[.*, 100.0\] +1$", text, re.MULTILINE)
@@ -182,17 +182,17 @@ def test_pairs_count_where_both_are_right() -> None:
 
 def test_two_systems_are_compared_on_the_same_questions(tmp_path: Path) -> None:
     reports = [score_responses(SCENES, read_answers(_responses(tmp_path, "a.jsonl", n))) for n in (4, 1)]
-    found = compare_reports(*reports)
+    first, second = (report.results for report in reports)
+    found = compare_results(first, second)
     row = found["descriptive"]["per_question"]
     assert row["difference"] == pytest.approx(0.3)
     assert (row["only_first"], row["only_second"], row["n"]) == (0, 3, 10)
     assert row["interval"][0] <= 0.3 <= row["interval"][1]
     assert found["counterfactual"]["inferential"]["difference"] == 0
     assert "descriptive, per question" in format_comparison(found, "a", "b")
-    few = {**reports[1], "results": reports[1]["results"][:2]}
-    assert compare_reports(reports[0], few)["descriptive"]["per_question"]["n"] == 1
+    assert compare_results(first, second[:2])["descriptive"]["per_question"]["n"] == 1
     with pytest.raises(DataError, match="no scored question in common"):
-        compare_reports(reports[0], {**reports[1], "results": []})
+        compare_results(first, [])
 
 
 def test_interval_of_a_difference() -> None:

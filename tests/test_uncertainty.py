@@ -11,8 +11,9 @@ from nsdr import DataError, Event, ExecutionError, Executor, Scene, UncertainCol
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.dynamics.scene import scene_from_prediction
-from nsdr.evaluation import calibration, evaluate, format_table
+from nsdr.evaluation import calibration
 from nsdr.evaluation.experiments import markdown_table
+from nsdr.evaluation.score import score_scenes
 from nsdr.symbolic import format_probability, probabilities
 from nsdr.symbolic.probabilities import SIMULATED_DOUBT
 from nsdr.symbolic.uncertainty import N_DRAWS, possible_scenes
@@ -258,8 +259,8 @@ def test_reports_have_the_calibration_of_answers_and_options(unsure: Scene) -> N
         Question(0, "How many?", "descriptive", "count", tuple(COUNT.split()), "2", ()),
         Question(1, "Without blue?", "counterfactual", None, tuple(WITHOUT_BLUE.split()), None, choices),
     )
-    report = evaluate([(SceneQuestions(7, "video_00007.mp4", questions), Executor(unsure))])
-    descriptive, counterfactual = report["results"]
+    report = score_scenes([(SceneQuestions(7, "video_00007.mp4", questions), Executor(unsure))])
+    descriptive, counterfactual = report.results
     p = descriptive["probability"]
     assert report["descriptive"]["calibration"]["bins"] == [[p, 1.0, 1]]
     assert [c["probability"] for c in counterfactual["choices"]] == [1 - SIMULATED_DOUBT, SIMULATED_DOUBT]
@@ -268,7 +269,7 @@ def test_reports_have_the_calibration_of_answers_and_options(unsure: Scene) -> N
     assert report["counterfactual"]["calibration"]["brier"] == pytest.approx(brier)
     assert "calibration" not in report["explanatory"]
     text = f"expected calibration error (Brier score): descriptive {100 * (1 - p):.1f} %"
-    assert text in format_table(report)
+    assert text in str(report)
 
 
 def test_tables_of_experiments_say_how_calibrated_their_rows_are() -> None:

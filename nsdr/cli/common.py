@@ -112,7 +112,7 @@ def settings_of(options: Any) -> Any:
 
     given = vars(options)
     overrides = [*options.set, *(f"{name}={given[name]}" for name in OF_QUESTIONS if given.get(name))]
-    settings = pipeline_settings(options.config, options.dynamics, overrides)
+    settings = pipeline_settings(options.config, options.dynamics, overrides, options.checkpoint)
     expected = {name: given[name] for name in ("background", "fps") if given.get(name)}
     expected |= {"check": "warn"} if given.get("force") else {}
     return replace(settings, video=replace(settings.video, **expected))

@@ -29,9 +29,7 @@ def evaluate_options(parser: Any) -> None:
 def evaluate(options: Any) -> int:
     """`nsdr evaluate`: score answers to a question file or a whole split."""
     from nsdr.clevrer.answers.answer_files import write_submission
-    from nsdr.evaluation import EvaluationConfig, format_table, run_evaluation
-    from nsdr.evaluation.score import first_failure
-    from nsdr.io.files import write_json
+    from nsdr.evaluation import EvaluationConfig, run_evaluation
 
     names = {f.name for f in fields(EvaluationConfig)}
     config = EvaluationConfig(**{k: v for k, v in vars(options).items() if k in names})
@@ -40,21 +38,21 @@ def evaluate(options: Any) -> int:
     check_outputs([path for path in inputs if path], *outputs)
     check_output_folder(config.cache)
     report = run_evaluation(config)
-    print(format_table(report))
-    if report["notes"]:
-        scene, (first, *_) = next(iter(report["notes"].items()))
+    print(report)
+    if report.notes:
+        scene, (first, *_) = next(iter(report.notes.items()))
         kept = f"; {options.output} has them all" if options.output else "; -o FILE.json keeps them all"
-        print_notes([f"scenes with notes: {len(report['notes'])}, such as scene {scene}: {first}{kept}"])
-    if report["unlabelled"] and not (options.output or options.submission):
+        print_notes([f"scenes with notes: {len(report.notes)}, such as scene {scene}: {first}{kept}"])
+    if report.unlabelled and not (options.output or options.submission):
         print("nothing was written: --submission or --output names a file for the answers")
     if options.output:
-        write_json(options.output, report, indent=1)
-    failed, total = report["errors"], len(report["results"])
+        report.save(options.output)
+    failed, total = report.errors, len(report.results)
     if options.submission and (not failed or options.keep_going):
-        write_submission(options.submission, report["results"])
+        write_submission(options.submission, report.results)
     elif options.submission:
         print(f"{options.submission}: not written, because of the failures; --keep-going writes it")
-    return failures_line(failed, total, "questions", first_failure(report), options.keep_going)
+    return failures_line(failed, total, "questions", report.first_failure, options.keep_going)
 
 
 def experiment_options(parser: Any) -> None:
@@ -89,8 +87,8 @@ def score_options(parser: Any) -> None:
 def score(options: Any) -> int:
     """`nsdr score`: the table of one system, or the difference of two."""
     from nsdr.clevrer.answers.answer_files import read_answers
-    from nsdr.evaluation.measures import compare_reports, format_comparison
-    from nsdr.evaluation.responses import format_report, score_responses
+    from nsdr.evaluation.measures import compare_results, format_comparison
+    from nsdr.evaluation.responses import score_responses
     from nsdr.io.files import write_json
 
     files = [options.predictions] if options.other is None else [options.predictions, options.other]
@@ -103,13 +101,12 @@ def score(options: Any) -> int:
             reports.append(score_responses(questions, answers, options.allow_missing))
         except DataError as e:
             raise DataError(f"{file} with {options.questions}: {e}") from e
-        new = not any(reports[-1]["references"] == r["references"] for r in reports[:-1])
-        print(f"{file}:\n{format_report(reports[-1], new)}\n")
-    document: dict[str, Any] = reports[0]
+        print(f"{file}:\n{reports[-1]}\n")
+    document = reports[0].document()
     if len(reports) == 2:
-        comparison = compare_reports(*reports)
+        comparison = compare_results(*(report.results for report in reports))
         print(format_comparison(comparison, *map(str, files)))
-        document = {"files": files, "reports": reports, "comparison": comparison}
+        document = {"files": files, "reports": [r.document() for r in reports], "comparison": comparison}
     if options.output is not None:
         write_json(options.output, document, indent=1)
     return 0

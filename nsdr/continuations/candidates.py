@@ -175,7 +175,7 @@ def baselines(
 @lru_cache(maxsize=4)
 def _backend(weights: Path, name: str, device: str) -> Any:
     """A dynamics backend on a device, loaded once per process."""
-    backend: Any = load_backend(weights, name)
+    backend: Any = load_backend(name, weights)
     return backend.to(str(resolve_device(device)))
 
 

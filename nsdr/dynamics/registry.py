@@ -1,7 +1,7 @@
 """The dynamics backends by name, and the dataclass of their settings (`configs/dynamics/physics.yaml`)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,14 +9,15 @@ from nsdr.dynamics.base import Dynamics
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.velocity_events import VelocityEvents
-from nsdr.errors import CheckpointError, DataError
-from nsdr.io.checkpoint import find_checkpoint
+from nsdr.errors import DataError
+from nsdr.io.checkpoint import find_checkpoint, folder_of_part, is_default
 from nsdr.io.configuration import parse_config
 from nsdr.io.registry import Registry
 from nsdr.validation import Settings, one_of
 
-PATCH_CHECKPOINTS = {"propnet_patches": "propnet_patches", "propnet_images": "propnet_images"}
-"""Name of the shipped checkpoint of each backend with a network on patches; these weights are not part of `default`."""
+ON_PATCHES = ("propnet_patches", "propnet_images")
+"""Names of the backends with a network on patches, which are also those of their shipped checkpoints: `default` has no such
+weights."""
 READ_NO_IMAGES = ("physics", "propnet", "propnet_patches")
 """Names of the backends that read only tracks."""
 
@@ -49,9 +50,9 @@ BACKENDS: Registry[BackendFactory] = Registry(
     "nsdr.dynamics",
     {
         "physics": "nsdr.dynamics.registry:_physics",
-        "propnet": "nsdr.dynamics.registry:_state",
-        "propnet_patches": "nsdr.dynamics.registry:_patches",
-        "propnet_images": "nsdr.dynamics.registry:_patches",
+        "propnet": "nsdr.dynamics.registry:_propnet",
+        "propnet_patches": "nsdr.dynamics.registry:_on_patches",
+        "propnet_images": "nsdr.dynamics.registry:_on_patches",
     },
 )
 """Dynamics backends by name; other packages add theirs by entry points of the group `nsdr.dynamics`."""
@@ -59,63 +60,72 @@ BACKENDS: Registry[BackendFactory] = Registry(
 
 def _physics(folder: Path, config: BackendConfig) -> Dynamics:
     """Load the physics backend."""
-    from nsdr.dynamics.collisions.network import TrackCollisionDetector
-
-    if (folder / "dynamics.safetensors").exists() and not (folder / "collisions.safetensors").exists():
-        remedy = 'give the backend that was saved, such as --dynamics propnet (in Python, dynamics="propnet")'
-        raise CheckpointError(f"{folder}: has no collisions.safetensors, which dynamics 'physics' needs; {remedy}")
-    detector = TrackCollisionDetector.from_checkpoint(folder)
-    return PhysicsPredictor(detector, config.physics)
+    return PhysicsPredictor.from_checkpoint(weights_folder(folder, config), config=config.physics)
 
 
-def _state(folder: Path, config: BackendConfig) -> Dynamics:
+def _propnet(folder: Path, config: BackendConfig) -> Dynamics:
     """Load PropNet on ground-plane states."""
     from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
 
-    return PropNetPredictor.from_checkpoint(folder)
+    return PropNetPredictor.from_checkpoint(weights_folder(folder, config))
 
 
-def _patches(folder: Path, config: BackendConfig) -> Dynamics:
+def _on_patches(folder: Path, config: BackendConfig) -> Dynamics:
     """Load PropNet on patches of masks, or of images and masks."""
     from nsdr.dynamics.propnet.patch_predictor import ImagePropNetPredictor, PatchPropNetPredictor
 
     predictor = PatchPropNetPredictor if config.backend == "propnet_patches" else ImagePropNetPredictor
-    return predictor.from_checkpoint(_patch_folder(folder, config))
+    return predictor.from_checkpoint(weights_folder(folder, config))
 
 
-def _patch_folder(folder: Path, config: BackendConfig) -> Path:
-    """The folder with the weights of a network on patches.
+def weights_folder(folder: Path, config: BackendConfig) -> Path:
+    """The folder from which a backend takes its weights.
 
-    It is `config.weights` if given; otherwise the checkpoint folder, or the backend's shipped checkpoint in place of `default`.
+    It is `config.weights` if given; otherwise the checkpoint's folder, or that of a shipped checkpoint if the checkpoint has no
+    such weights.
     """
     if config.weights:
         return find_checkpoint(config.weights)
-    return find_checkpoint(PATCH_CHECKPOINTS[config.backend]) if _is_default(folder) else folder
+    if config.backend in ON_PATCHES:
+        has_own = not is_default(folder)
+        return folder_of_part(folder, "dynamics", config.backend) if has_own else find_checkpoint(config.backend)
+    if config.backend == "propnet":
+        return folder_of_part(folder, "dynamics")
+    return folder_of_part(folder, "collisions") if config.backend == "physics" else folder
 
 
-def _is_default(folder: Path) -> bool:
-    """Whether a folder is the checkpoint `default`; False if `default` is not installed."""
-    try:
-        return folder.resolve() == find_checkpoint().resolve()
-    except CheckpointError:
-        return False
-
-
-def load_backend(folder: Path, settings: str | Path | BackendConfig = "physics") -> Dynamics:
+def load_backend(settings: str | Path | BackendConfig = "physics", checkpoint: str | Path = "default") -> Dynamics:
     """Load a dynamics backend with its weights.
 
     Args:
-        folder: folder of the checkpoint. For "propnet_patches" and "propnet_images", the shipped weights of these
-            names are read in place of `default`.
         settings: name of a backend, YAML file of a `BackendConfig`, or a `BackendConfig`.
+        checkpoint: where the weights are (see `nsdr.io.checkpoint.find_checkpoint`). A shipped checkpoint has those that it
+            lacks.
 
     Raises:
         DataError: the backend is unknown, or a setting would have no effect.
         CheckpointError: weights are missing or corrupt, or belong to the network of another backend.
     """
     config = backend_settings(settings)
-    backend = BACKENDS[config.backend](folder, config)
+    backend = BACKENDS[config.backend](find_checkpoint(config.weights or checkpoint), config)
     return VelocityEvents(backend) if config.collisions == "velocity" else backend
+
+
+def settings_of(backend: Dynamics) -> BackendConfig:
+    """The settings with which `load_backend` makes this backend again, if its weights are in the checkpoint.
+
+    Raises:
+        DataError: the backend has no `name` of a backend.
+    """
+    if isinstance(backend, VelocityEvents):
+        return replace(settings_of(backend.backend), collisions="velocity")
+    name = getattr(backend, "name", "")
+    if name not in BACKENDS.names():
+        kind = type(backend).__name__
+        raise DataError(
+            f"{kind} has no `name` of an installed backend ({', '.join(BACKENDS.names())}); see docs/plugins.md"
+        )
+    return BackendConfig(name, physics=backend.config if isinstance(backend, PhysicsPredictor) else PhysicsConfig())
 
 
 def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
@@ -134,14 +144,8 @@ def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:
     else:
         config = BackendConfig(str(settings))
     BACKENDS.check(config.backend)
-    if config.weights and config.backend not in PATCH_CHECKPOINTS:
+    if config.weights and config.backend not in ON_PATCHES:
         raise DataError(f"weights would do nothing with dynamics {config.backend!r}; name the folder by --checkpoint")
-    if config.backend in ("propnet", *PATCH_CHECKPOINTS) and config.physics != PhysicsConfig():
+    if config.backend in ("propnet", *ON_PATCHES) and config.physics != PhysicsConfig():
         raise DataError(f"settings of physics would do nothing with dynamics {config.backend!r}; leave them out")
     return config
-
-
-def checkpoint_folders(folder: Path, config: BackendConfig) -> list[Path]:
-    """Folders from which a pipeline with this backend reads weights."""
-    patches = [_patch_folder(folder, config)] if config.backend in PATCH_CHECKPOINTS else []
-    return [*dict.fromkeys([folder, *patches])]

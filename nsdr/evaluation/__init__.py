@@ -3,19 +3,20 @@
 from nsdr.evaluation.batch import judge_videos, parse_videos, predict_dynamics
 from nsdr.evaluation.experiments import run_experiment
 from nsdr.evaluation.measures import accuracy_interval, calibration, wilson_interval
-from nsdr.evaluation.runner import EvaluationConfig, run_evaluation
-from nsdr.evaluation.score import evaluate, format_table
+from nsdr.evaluation.report import Report
+from nsdr.evaluation.runner import evaluate, run_evaluation
+from nsdr.evaluation.settings import EvaluationConfig
 from nsdr.evaluation.sources import SOURCES, PerceptionInput, SceneSource
 
 __all__ = [
     "SOURCES",
     "EvaluationConfig",
     "PerceptionInput",
+    "Report",
     "SceneSource",
     "accuracy_interval",
     "calibration",
     "evaluate",
-    "format_table",
     "judge_videos",
     "parse_videos",
     "predict_dynamics",

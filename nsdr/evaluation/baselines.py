@@ -10,14 +10,10 @@ from nsdr.baselines.features.files import FeatureCache
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.errors import DataError, NsdrError
-from nsdr.evaluation.runner import (
-    EvaluationConfig,
-    evaluation_fingerprint,
-    parse_all,
-    parser_of,
-    selected_questions,
-)
+from nsdr.evaluation.report import Report
+from nsdr.evaluation.runner import parse_all, parser_of
 from nsdr.evaluation.score import Parse, score_answers
+from nsdr.evaluation.settings import EvaluationConfig, evaluation_fingerprint, selected_questions
 from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.fingerprint import fingerprint
 from nsdr.types import Answer
@@ -33,7 +29,7 @@ SECONDS_PER_MINUTE = 60
 
 def evaluate_baseline(
     trained: str, features: str, config: EvaluationConfig, own: Sequence[str], device: str
-) -> dict[str, Any]:
+) -> tuple[Report, dict[str, Any]]:
     """Answer the questions by a trained baseline and score the answers.
 
     Args:
@@ -44,7 +40,7 @@ def evaluate_baseline(
         device: where the networks run.
 
     Returns:
-        The report of `score_answers`, and under `training` what is known of the training.
+        The report, and what is known of the training.
 
     Raises:
         DataError: unreadable questions or features, or settings that have no effect.
@@ -67,8 +63,7 @@ def evaluate_baseline(
         for scene, (_, answers) in zip(scenes, baseline.answer_questions(parsed, known, config.types), strict=True):
             yield scene, answers | failed.get(scene.scene_index, {})
 
-    report = score_answers(answered())
-    return report | {"training": {**_training(folder), "checkpoint": trained}}
+    return score_answers(answered()), {**_training(folder), "checkpoint": trained}
 
 
 def baseline_fingerprint(trained: str, features: str, config: EvaluationConfig) -> str:

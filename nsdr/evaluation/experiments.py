@@ -24,8 +24,10 @@ from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, read_quest
 from nsdr.errors import DataError
 from nsdr.evaluation.baselines import USED, baseline_fingerprint, evaluate_baseline, training_text
 from nsdr.evaluation.measures import calibration_text, percent
-from nsdr.evaluation.runner import EvaluationConfig, evaluation_fingerprint, run_evaluation, selected_questions
-from nsdr.evaluation.score import first_failure, score_answers
+from nsdr.evaluation.report import Report
+from nsdr.evaluation.runner import run_evaluation
+from nsdr.evaluation.score import score_answers
+from nsdr.evaluation.settings import EvaluationConfig, evaluation_fingerprint, selected_questions
 from nsdr.io.configuration import config_of
 from nsdr.io.files import locked, write_file, write_json
 from nsdr.io.fingerprint import code_revision, fingerprint
@@ -190,17 +192,18 @@ def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
         return {"table": table}
     start = time.time()
     evaluation = replace(row.evaluation, device=device)
+    training: dict[str, Any] = {}
     if row.trained:
-        report = evaluate_baseline(row.trained, row.features, evaluation, row.own, device)
+        report, training = evaluate_baseline(row.trained, row.features, evaluation, row.own, device)
     elif row.baseline:
         report = _q_type_report(row, evaluation)
     else:
         report = run_evaluation(evaluation)
     return {
         "table": {kind: report[kind] for kind in QUESTION_TYPES},
-        "failed_questions": report["errors"],
-        **({"training": report["training"]} if "training" in report else {}),
-        **({"first_failure": first_failure(report)} if report["errors"] else {}),
+        "failed_questions": report.errors,
+        **({"training": training} if training else {}),
+        **({"first_failure": report.first_failure} if report.errors else {}),
         "seconds": round(time.time() - start),
         "date": time.strftime("%Y-%m-%d"),
         "version": nsdr.__version__,
@@ -209,7 +212,7 @@ def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
     }
 
 
-def _q_type_report(row: ExperimentRow, config: EvaluationConfig) -> dict[str, Any]:
+def _q_type_report(row: ExperimentRow, config: EvaluationConfig) -> Report:
     listed, _ = selected_questions(config)
     scenes = [
         msgspec.structs.replace(s, questions=tuple(q for q in s.questions if q.type in config.types)) for s in listed

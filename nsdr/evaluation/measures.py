@@ -151,12 +151,12 @@ Pair = tuple[int, bool, bool]
 """Scene index; whether the first and the second system are right."""
 
 
-def compare_reports(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+def compare_results(first: Sequence[Row], second: Sequence[Row]) -> dict[str, Any]:
     """The difference of two systems by question type: the second one's accuracy minus the first one's.
 
     Args:
-        first: report of `nsdr.evaluation.score`, on any questions.
-        second: the other system's; only questions that both reports score are compared.
+        first: results of a report (`nsdr.evaluation.Report`), on any questions.
+        second: the other system's; only questions that are scored in both are compared.
 
     Returns:
         By type `per_question`, of multiple choice also `per_option`, and of tagged options each of `OPTION_TAGS`:
@@ -167,8 +167,8 @@ def compare_reports(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict
         DataError: they have no scored question in common.
     """
     key = itemgetter("scene_index", "question_id")
-    others = {key(r): r for r in second["results"]}
-    both = [(r, others[key(r)]) for r in first["results"] if key(r) in others]
+    others = {key(r): r for r in second}
+    both = [(r, others[key(r)]) for r in first if key(r) in others]
     if not both:
         raise DataError("the two files have no scored question in common; are they of the same split?")
     result: dict[str, Any] = {}
@@ -189,7 +189,7 @@ def compare_reports(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict
 
 
 def format_comparison(comparison: Mapping[str, Any], first: str, second: str) -> str:
-    """The differences of `compare_reports` as a table in percentage points; with the names of both systems."""
+    """The differences of `compare_results` as a table in percentage points; with the names of both systems."""
     title = f"{second} minus {first}, in percentage points, with 95 % intervals:"
     header = f"{'':<28}{'difference':>24}{'only first':>12}{'only second':>13}{'of':>8}"
     lines = [title, header]

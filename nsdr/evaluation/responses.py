@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 from msgspec.structs import replace
@@ -14,7 +15,8 @@ from nsdr.clevrer.answers.responses import Response
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.measures import percent
-from nsdr.evaluation.score import format_table, score_answers
+from nsdr.evaluation.report import Report
+from nsdr.evaluation.score import score_answers
 from nsdr.types import Answer, ChoiceAnswer
 
 MISSING, UNREAD = "missing: the file has no answer", "unread"
@@ -25,22 +27,55 @@ LISTED = 5
 """Unread responses, and missing or unknown questions, that the printed report names; the JSON report has them all."""
 
 
+@dataclass(frozen=True)
+class ResponseReport(Report):
+    """The scores of a file of answers. Printed, it also has the systems that see nothing, and what was not read, is missing or
+    unknown.
+
+    Attributes:
+        references: systems that see nothing on the same questions, as in `reference_rows`.
+        responses: numbers of `questions`, `answered` ones and `scored` ones; ids of the `missing` and of the `unknown`
+            questions; `read_as`, how often answers were found in which form; `unread_by_type`; `unread`, each with its id,
+            type, problem and first characters; and `failed_options`, for which a submission says "error".
+    """
+
+    references: Mapping[str, Any] = field(default_factory=dict)
+    responses: Mapping[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return "\n".join([*self.table_lines(), "", *_reference_lines(self.references), "", *self.response_lines()])
+
+    def response_lines(self) -> list[str]:
+        """What was not read, is missing or unknown."""
+        responses = self.responses
+        asked, answered = responses["questions"], responses["answered"]
+        lines = [f"{answered} of {asked} questions have an answer; {responses['scored']} are scored"]
+        if responses["missing"]:
+            verdict = "they are left out" if responses["scored"] == answered else "they count as wrong"
+            lines.append(f"{len(responses['missing'])} have none ({_listed(responses['missing'])}): {verdict}")
+        if responses["unknown"]:
+            lines.append(
+                f"{len(responses['unknown'])} answers are about other questions ({_listed(responses['unknown'])}): ignored"
+            )
+        lines.append("read from: " + (", ".join(f"{how} {n}" for how, n in responses["read_as"].items()) or "nothing"))
+        if unread := responses["unread"]:
+            counts = ", ".join(f"{kind} {n}" for kind, n in responses["unread_by_type"].items() if n)
+            lines.append(f"{len(unread)} responses cannot be read and count as wrong: {counts}")
+            lines += [f"  {u['id']}: {u['problem']}: {u['response'][:60]!r}" for u in unread[:LISTED]]
+        if failed := responses["failed_options"]:
+            lines.append(f"options with the answer {ERROR!r}, which counts as wrong: {len(failed)} ({_listed(failed)})")
+        return lines
+
+
 def score_responses(
     scenes: Sequence[SceneQuestions], given: Mapping[QuestionKey, Given], allow_missing: bool = False
-) -> dict[str, Any]:
+) -> ResponseReport:
     """Read and score a system's answers.
 
     Args:
         scenes: questions with their answers.
         given: the system's answers, as in `read_answers`.
         allow_missing: score the answered questions only; else those without an answer count as wrong.
-
-    Returns:
-        The report of `nsdr.evaluation.score.score_answers`, and
-        `references`: systems that see nothing on the same questions, as in `reference_rows`;
-        `responses`: numbers of `questions`, `answered` ones and `scored` ones; ids of the `missing` and of the `unknown`
-        questions; `read_as`, how often answers were found in which form; `unread_by_type`; `unread`, each with its id,
-        type, problem and first characters; and `failed_options`, for which a submission says "error".
 
     Raises:
         DataError: no answer is about one of the questions, or these have no answers in their file.
@@ -75,22 +110,20 @@ def score_responses(
     kept = asked & given.keys() if allow_missing else asked
     scored = [replace(s, questions=tuple(q for q in s.questions if (s.scene_index, q.id) in kept)) for s in scenes]
     report = score_answers((s, {q.id: read(q, (s.scene_index, q.id)) for q in s.questions}) for s in scored)
-    if report["unlabelled"]:
-        raise DataError(f"{report['unlabelled']} questions have no answers in their file; score on train or validation")
-    return report | {
-        "references": reference_rows(scored),
-        "responses": {
-            "questions": len(asked),
-            "answered": len(asked & given.keys()),
-            "scored": len(kept),
-            "missing": [_id(key) for key in sorted(asked - given.keys())],
-            "unknown": [_id(key) for key in sorted(given.keys() - asked)],
-            "read_as": dict(sorted(read_as.items())),
-            "unread_by_type": {kind: sum(u["question_type"] == kind for u in unread) for kind in QUESTION_TYPES},
-            "unread": unread,
-            "failed_options": failed,
-        },
+    if report.unlabelled:
+        raise DataError(f"{report.unlabelled} questions have no answers in their file; score on train or validation")
+    responses = {
+        "questions": len(asked),
+        "answered": len(asked & given.keys()),
+        "scored": len(kept),
+        "missing": [_id(key) for key in sorted(asked - given.keys())],
+        "unknown": [_id(key) for key in sorted(given.keys() - asked)],
+        "read_as": dict(sorted(read_as.items())),
+        "unread_by_type": {kind: sum(u["question_type"] == kind for u in unread) for kind in QUESTION_TYPES},
+        "unread": unread,
+        "failed_options": failed,
     }
+    return ResponseReport(report.results, references=reference_rows(scored), responses=responses)
 
 
 def answer_of(question: Question, response: Response) -> Answer:
@@ -107,36 +140,6 @@ def answer_of(question: Question, response: Response) -> Answer:
         for x, c in zip(letters, question.choices, strict=True)
     ]
     return Answer(question.text, (), None, choices=tuple(judged))
-
-
-def format_report(report: Mapping[str, Any], references: bool = True) -> str:
-    """The table of `format_table`, the systems that see nothing, and what was not read, is missing or unknown.
-
-    Args:
-        report: see `score_responses`.
-        references: whether to print the systems that see nothing.
-    """
-    responses = report["responses"]
-    lines = [format_table({**report, "errors": 0})]
-    lines += ["", *_reference_lines(report["references"])] if references else []
-    lines.append("")
-    asked, answered = responses["questions"], responses["answered"]
-    lines.append(f"{answered} of {asked} questions have an answer; {responses['scored']} are scored")
-    if responses["missing"]:
-        verdict = "they are left out" if responses["scored"] == answered else "they count as wrong"
-        lines.append(f"{len(responses['missing'])} have none ({_listed(responses['missing'])}): {verdict}")
-    if responses["unknown"]:
-        lines.append(
-            f"{len(responses['unknown'])} answers are about other questions ({_listed(responses['unknown'])}): ignored"
-        )
-    lines.append("read from: " + (", ".join(f"{how} {n}" for how, n in responses["read_as"].items()) or "nothing"))
-    if unread := responses["unread"]:
-        counts = ", ".join(f"{kind} {n}" for kind, n in responses["unread_by_type"].items() if n)
-        lines.append(f"{len(unread)} responses cannot be read and count as wrong: {counts}")
-        lines += [f"  {u['id']}: {u['problem']}: {u['response'][:60]!r}" for u in unread[:LISTED]]
-    if failed := responses["failed_options"]:
-        lines.append(f"options with the answer {ERROR!r}, which counts as wrong: {len(failed)} ({_listed(failed)})")
-    return "\n".join(lines)
 
 
 def _id(key: QuestionKey) -> str:
@@ -170,7 +173,7 @@ def reference_rows(scenes: Sequence[SceneQuestions]) -> dict[str, dict[str, Any]
     with suppress(DataError):
         reports["frequent"] = score_answers(q_type_answers(scenes, "frequent"))
     kept = (*QUESTION_TYPES, "pairs")
-    return {name: {kind: report[kind] for kind in kept if kind in report} for name, report in reports.items()}
+    return {name: {kind: report[kind] for kind in kept if kind in report.tables} for name, report in reports.items()}
 
 
 def _reference_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:

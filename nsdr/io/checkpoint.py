@@ -1,6 +1,7 @@
 """Checkpoints: a folder with one safetensors file and one JSON file for each part. Nothing is ever unpickled."""
 
 import os
+import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
@@ -24,6 +25,12 @@ Model = TypeVar("Model", bound="nn.Module")
 
 PARTS = ("frame_parser", "dynamics", "collisions", "question_parser", "baseline")
 """Parts of a checkpoint, by the names of their files."""
+PIPELINE = "pipeline.json"
+"""File of a checkpoint that says how a pipeline is composed of its parts."""
+HUB_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*(@[\w.-]+)?")
+"""A repository of the Hugging Face Hub, and after `@` a branch, tag or commit of it."""
+HUB_FILES = ("*.safetensors", "*.json", "*.md")
+"""Files of a repository that are downloaded. No pickles."""
 RESTORE = "restore the file, or train the part (`nsdr train`)"
 
 
@@ -31,16 +38,16 @@ def find_checkpoint(path_or_id: str | Path = "default", group: str = "") -> Path
     """The folder of a checkpoint.
 
     A name is looked for in this order: below `$NSDR_CHECKPOINTS`; below the `checkpoints` folder of the checkout; below
-    `share/nsdr/checkpoints` of the environment, where an installed wheel puts those that ship; in the working folder. A name
-    that begins with `.`, `~` or `/` is a path, so `./default` is your own folder even if a checkpoint of this name ships.
-    Fetch the checkpoints of others first, for example by `huggingface_hub.snapshot_download`, which returns the folder.
+    `share/nsdr/checkpoints` of the environment, where an installed wheel puts those that ship; in the working folder; and if it
+    is "user/repo" or "user/repo@revision", on the Hugging Face Hub, from which it is downloaded once. A name that begins with
+    `.`, `~` or `/` is a path, so `./default` is your own folder even if a checkpoint of this name ships.
 
     Args:
         path_or_id: the name or path.
         group: subfolder of each of these places in which a name is looked for, such as "baselines"; "" for the place itself.
 
     Raises:
-        CheckpointError: found nowhere; says where it was looked for.
+        CheckpointError: found nowhere; says where it was looked for. Or the download fails.
     """
     name = str(path_or_id)
     if not name.strip():
@@ -54,13 +61,60 @@ def find_checkpoint(path_or_id: str | Path = "default", group: str = "") -> Path
         if found != own and any(own.glob("*.safetensors")):
             warnings.warn(f"{name}: taken from {found}; ./{name} is the folder of that name here", stacklevel=2)
         return found
-    if name.startswith("hf:"):
-        raise CheckpointError(f"{name}: fetch it first, and give the folder: `hf download USER/NAME --revision COMMIT`")
-    looked = ", ".join(map(str, [*named, own]))
+    missing = f"no checkpoint {name!r} (looked in {', '.join(map(str, [*named, own]))})"
+    if HUB_ID.fullmatch(name):
+        return _downloaded(name, missing)
     remedy = (
         "set NSDR_CHECKPOINTS to a folder that holds it, or clone the repository: its checkpoints/ has all that ship"
     )
-    raise CheckpointError(f"no checkpoint {name!r} (looked in {looked}); {remedy}")
+    raise CheckpointError(f"{missing}; {remedy}")
+
+
+def _downloaded(name: str, missing: str) -> Path:
+    """The local copy of a repository of the Hugging Face Hub; `missing` begins the message if there is none."""
+    from huggingface_hub import snapshot_download
+    from huggingface_hub.errors import HfHubHTTPError, HFValidationError, LocalEntryNotFoundError
+
+    repository, _, revision = name.partition("@")
+    try:
+        return Path(snapshot_download(repository, revision=revision or None, allow_patterns=list(HUB_FILES)))
+    except (HfHubHTTPError, HFValidationError, LocalEntryNotFoundError, OSError) as e:
+        if failure := machine_error(e):
+            raise failure from e
+        reason = " ".join(str(e).split())[:200]
+        raise CheckpointError(f"{missing}, and the Hugging Face Hub does not give it: {reason}") from e
+
+
+def folder_of_part(folder: Path, part: str, shipped: str = "default") -> Path:
+    """The folder that a pipeline takes a part from: the checkpoint's, or a shipped one's if the checkpoint lacks the part.
+
+    Args:
+        folder: of the checkpoint.
+        part: one of `PARTS`.
+        shipped: name of the shipped checkpoint with the part.
+
+    Raises:
+        CheckpointError: the checkpoint has no part of a pipeline at all.
+    """
+    if has_part(folder, part):
+        return folder
+    if not any(has_part(folder, other) for other in PARTS if other != "baseline"):
+        known = ", ".join(f"{name}.json" for name in PARTS if name != "baseline")
+        raise CheckpointError(f"{folder}: has none of {known}; expected the folder of a checkpoint")
+    return find_checkpoint(shipped)
+
+
+def is_default(folder: Path) -> bool:
+    """Whether a folder is the checkpoint `default`; False if that is not installed."""
+    try:
+        return folder.resolve() == find_checkpoint().resolve()
+    except CheckpointError:
+        return False
+
+
+def has_part(folder: Path, part: str) -> bool:
+    """Whether a checkpoint has files of a part."""
+    return any((folder / f"{part}{ending}").exists() for ending in (".json", ".safetensors"))
 
 
 def save_checkpoint(
@@ -240,12 +294,14 @@ class PretrainedPart(Generic[Model]):
 
     Attributes:
         part: name of its files in a checkpoint.
+        name: which of several networks of this part it is; "" if there is one only.
         default_checkpoint: name of the shipped checkpoint that has its weights.
         built_from: the dataclass of the network's settings, and what builds the network from them.
         model: the network; `model.config` are its settings. Parts with several have other `from_checkpoint` and `network`.
     """
 
     part: ClassVar[str]
+    name: ClassVar[str] = ""
     default_checkpoint: ClassVar[str] = "default"
     built_from: ClassVar[tuple[type, Callable[[Any], "nn.Module"]]]
     model: Model
@@ -282,7 +338,7 @@ class PretrainedPart(Generic[Model]):
 
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
         """The dataclass that rebuilds the network, and what else belongs into the JSON."""
-        return self.model.config, {}
+        return self.model.config, {"network": self.name} if self.name else {}
 
     def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
         """Write the part's weights and description for `from_pretrained(folder)`.

@@ -40,6 +40,19 @@ class Parser(ABC):
         return program
 
 
+def parse_texts(parser: Parser, texts: Sequence[str], kind: str) -> list[Program | NsdrError]:
+    """Programs of many texts, or their errors, by any parser, also one that only has `parse`."""
+    if isinstance(parser, Parser):
+        return parser.parse_batch(texts, kind)
+    programs: list[Program | NsdrError] = []
+    for text in texts:
+        try:
+            programs.append(checked_result(parser.parse(text, kind), Program, parser, "parse"))
+        except QuestionError as e:
+            programs.append(e)
+    return programs
+
+
 def read_programs(
     parser: Parser,
     question: str,

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from nsdr.errors import DataError
-from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.checkpoint import HasWeights, find_checkpoint, folder_of_part
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.grammar import GrammarParser
 from nsdr.question_parser.language_model import LanguageModelParser, is_address
@@ -38,7 +38,7 @@ def load_parser(
     Args:
         name: "grammar" (`GrammarParser`), "network" (`QuestionParser`), or the address of an OpenAI-compatible server
             (`LanguageModelParser`), after which `#` and a model's name may follow: "http://localhost:8000/v1#qwen3:8b".
-        checkpoint: where the weights of the networks are, as in `find_checkpoint`.
+        checkpoint: where the weights of the networks are, as in `find_checkpoint`. If it has none, `default` has them.
         extensions: also parse questions beyond CLEVRER (the grammar only).
         device: where the networks run, as in `PretrainedPart.to`.
 
@@ -53,6 +53,21 @@ def load_parser(
     if name == NETWORK:
         from nsdr.question_parser.network import QuestionParser
 
-        return QuestionParser.from_checkpoint(find_checkpoint(checkpoint)).to(device)
+        return QuestionParser.from_checkpoint(folder_of_part(find_checkpoint(checkpoint), "question_parser")).to(device)
     address, _, model = name.partition("#")
     return LanguageModelParser(address, model)
+
+
+def settings_of(parser: Parser) -> tuple[str, bool]:
+    """The arguments `name` and `extensions` with which `load_parser` makes this parser again.
+
+    Raises:
+        DataError: it is none of those that `load_parser` makes.
+    """
+    if isinstance(parser, GrammarParser):
+        return GRAMMAR, parser.extensions
+    if isinstance(parser, LanguageModelParser):
+        return f"{parser.url}#{parser.model}", False
+    if isinstance(parser, HasWeights):
+        return NETWORK, False
+    raise DataError(f"{type(parser).__name__} is no question parser of nsdr, and cannot be stored")

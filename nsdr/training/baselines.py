@@ -1,6 +1,6 @@
 """Train a baseline: `nsdr train baseline --config configs/baselines/NAME.yaml`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -17,6 +17,7 @@ from nsdr.baselines.recoloring import Recoloring
 from nsdr.baselines.trained import TrainedBaseline, masked_scores
 from nsdr.clevrer.files.questions import PLAIN, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
+from nsdr.evaluation.report import Report
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of
 from nsdr.io.fingerprint import fingerprint
@@ -178,7 +179,7 @@ def _some(videos: Sequence[Sequence[Example]], is_plain: bool) -> list[list[Exam
     return [texts for texts in kept if texts]
 
 
-def accuracies(report: Mapping[str, Any]) -> dict[str, float]:
+def accuracies(report: Report) -> dict[str, float]:
     """The accuracies (0-1) of a report by name, also by subtype, without question types that do not occur."""
     descriptive = report["descriptive"]
     found = {"descriptive": descriptive["accuracy"]}

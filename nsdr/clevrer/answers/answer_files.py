@@ -135,7 +135,7 @@ def submission_document(results: Iterable[Mapping[str, Any]]) -> list[dict[str, 
     """Make a submission from results, with scenes and questions in ascending order.
 
     Args:
-        results: rows as listed by `nsdr.evaluation.score.evaluate`: `scene_index`, `question_id`, and `answer` or
+        results: rows of `nsdr.evaluation.Report.results`: `scene_index`, `question_id`, and `answer` or
             `choices: [{choice_id, answer}]`. A row with neither is submitted as the answer "error".
     """
     scenes: dict[int, list[dict[str, Any]]] = {}

@@ -16,7 +16,7 @@ from nsdr.dynamics.physics.collision_search import search_collisions
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.fitted_scene import FittedScene
 from nsdr.dynamics.track_smoothing import smooth_tracks
-from nsdr.io.checkpoint import HasWeights
+from nsdr.io.checkpoint import HasWeights, find_checkpoint
 from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout
 from nsdr.world.physics_constants import horizon_frame
@@ -39,9 +39,39 @@ class PhysicsPredictor:
         config: settings of the fit and the simulation; None for the defaults.
     """
 
+    name = "physics"
+
     def __init__(self, detector: CollisionDetector, config: PhysicsConfig | None = None) -> None:
         self.detector = detector
         self.config = config or PhysicsConfig()
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path, config: PhysicsConfig | None = None) -> "PhysicsPredictor":
+        """The backend with the collision detector of a checkpoint's folder, on the CPU.
+
+        Raises:
+            CheckpointError: a file is missing or corrupt.
+        """
+        from nsdr.dynamics.collisions.network import TrackCollisionDetector
+
+        return cls(TrackCollisionDetector.from_checkpoint(folder), config)
+
+    @classmethod
+    def from_pretrained(
+        cls, path_or_id: str | Path = "default", device: str = "auto", config: PhysicsConfig | None = None
+    ) -> "PhysicsPredictor":
+        """The backend with the collision detector of a checkpoint.
+
+        Args:
+            path_or_id: see `nsdr.io.checkpoint.find_checkpoint`.
+            device: where the detector runs: "auto" for CUDA where there is one, else "cpu"; or a device such as "cuda:1".
+            config: settings of the fit and the simulation; None for the defaults.
+
+        Raises:
+            CheckpointError: not found, incomplete or corrupt.
+            DataError: the device is unknown or not available.
+        """
+        return cls.from_checkpoint(find_checkpoint(path_or_id), config).to(device)
 
     @limit_threads(1)
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
@@ -49,7 +79,7 @@ class PhysicsPredictor:
         if not states.objects:
             total = horizon_frame(states.n_frames) + 1
             nothing = Rollout(np.zeros((0, total, 2)), np.zeros((0, total), bool), (), np.zeros((0, 0)))
-            return StoredExplanation(DynamicsPrediction((), states.n_frames, nothing))
+            return StoredExplanation(DynamicsPrediction((), states.n_frames, nothing), states.camera)
         given = None if collisions is None else [(event, 1.0) for event in collisions]
         candidates = self.detector.collision_candidates(states) if given is None else given
         found = search_collisions(states, candidates, self.config)

@@ -45,7 +45,7 @@ class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
 
     part = "dynamics"
     built_from: ClassVar[tuple[type, type[nn.Module]]] = (PatchPropNetConfig, PatchPropNet)
-    default_checkpoint = "propnet_patches"
+    name = default_checkpoint = "propnet_patches"
 
     def __init__(self, model: PatchNetwork) -> None:
         self.model = model.eval()
@@ -224,7 +224,7 @@ class ImagePropNetPredictor(PatchPropNetPredictor):
     """
 
     built_from = (PatchPropNetConfig, ImagePropNet)
-    default_checkpoint = "propnet_images"
+    name = default_checkpoint = "propnet_images"
 
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
         """Explain the motion like `PatchPropNetPredictor.explain`, from the patches of the states or from their pixels.

@@ -41,6 +41,7 @@ class PropNetPredictor(PretrainedPart[PropNet]):
     """
 
     part = "dynamics"
+    name = "propnet"
     built_from = (PropNetConfig, PropNet)
 
     def __init__(self, model: PropNet) -> None:
