@@ -38,7 +38,7 @@ def read_scenes(scenes: Path, truth: Path) -> Iterator[tuple[Scene, Scene]]:
             true = scene_from_ground_truth(blocks[index], blocks[index]["n_frames"])
         else:
             true = scene_from_truth(read_truth_file(find_files(truth, f"truth_{index:05d}.json")[0]))
-        yield load(Scene, path), true
+        yield load(path, Scene), true
 
 
 def statements(scene: Scene, truth: Scene) -> Iterator[tuple[str, float, bool]]:

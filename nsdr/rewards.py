@@ -167,7 +167,7 @@ def read_scene(path: str) -> Scene:
     """
     content = read_json(path)
     if isinstance(content, dict) and content.get("type") == "Scene":
-        return load(Scene, path)
+        return load(path, Scene)
     scenes = [scene for _, _, scene in iterate_scenes(path)]
     if len(scenes) != 1:
         raise DataError(f"{path}: expected a truth file, an annotation or a saved scene, got {len(scenes)} scenes")

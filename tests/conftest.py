@@ -26,7 +26,7 @@ def shared() -> Path:
 
 @pytest.fixture(scope="session")
 def example_scene() -> Scene:
-    return load(Scene, TRUTH)
+    return load(TRUTH, Scene)
 
 
 @pytest.fixture(scope="session")

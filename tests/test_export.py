@@ -203,7 +203,7 @@ def test_true_scenes_are_copied_with_videos(root, tmp_path, capsys) -> None:
 
 
 def test_an_answer_that_the_scene_does_not_give_has_no_reasoning() -> None:
-    scene = load(Scene, example.TRUTH)
+    scene = load(example.TRUTH, Scene)
     question = next(q for q in read_questions(example.QUESTIONS)[0].questions if q.type == "descriptive")
     tell = reasoner(scene, "short")
     assert tell(question)

@@ -194,13 +194,13 @@ def test_changes_that_cannot_be_simulated_are_refused(known: Scene) -> None:
 
 
 def test_physics_is_saved_and_old_scenes_load(known: Scene, small_scene: Scene, tmp_path) -> None:
-    storage.save(known, tmp_path / "a.json")
-    assert storage.load(Scene, tmp_path / "a.json") == known
-    storage.save(small_scene, tmp_path / "old.json")
+    storage.save(tmp_path / "a.json", known)
+    assert storage.load(tmp_path / "a.json", Scene) == known
+    storage.save(tmp_path / "old.json", small_scene)
     text = (tmp_path / "old.json").read_text()
     (tmp_path / "old.json").write_text(text.replace(', "physics": null', "").replace(',"physics":null', ""))
     assert "physics" not in (tmp_path / "old.json").read_text()
-    assert storage.load(Scene, tmp_path / "old.json") == small_scene
+    assert storage.load(tmp_path / "old.json", Scene) == small_scene
 
 
 @pytest.mark.parametrize(

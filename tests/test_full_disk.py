@@ -166,7 +166,7 @@ def _video(path: Path, _) -> None:
 
 
 WRITERS = {
-    "scene.json": lambda path, scene: save(scene, path),
+    "scene.json": lambda path, scene: save(path, scene),
     "figure.png": _figure,
     "video.mp4": _video,
     "part.safetensors": lambda path, _: save_checkpoint(path.parent, "part", {"a": torch.arange(9000.0)}, Config(), {}),
@@ -221,7 +221,7 @@ class _Watched:
     def perceive(self, **_) -> SimpleNamespace:
         if self.error:
             raise self.error
-        return SimpleNamespace(scene=load(Scene, TRUTH))
+        return SimpleNamespace(scene=load(TRUTH, Scene))
 
 
 @pytest.mark.parametrize(

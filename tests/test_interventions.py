@@ -368,8 +368,8 @@ def test_a_pipeline_simulates_with_its_backend(backend: PhysicsPredictor, tracks
 
 def test_simulations_are_saved_and_loaded(simulated, tmp_path) -> None:
     simulation = simulated(Freeze(1), SetMass(0, 2), SetVelocity(2, vx=1, vy=0), Add("gray", "metal", "sphere", 2, 1))
-    nsdr.save(simulation, tmp_path / "s.json")
-    assert nsdr.load(Simulation, tmp_path / "s.json") == simulation
+    nsdr.save(tmp_path / "s.json", simulation)
+    assert nsdr.load(tmp_path / "s.json", Simulation) == simulation
 
 
 def test_interventions_in_words() -> None:

@@ -118,8 +118,8 @@ def test_all_that_follows_from_tracks_uses_their_camera(tmp_path) -> None:
     ]
     cube = {"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}
     seen = tracks_from_annotation({"object_property": [cube], "motion_trajectory": frames}, OTHER)
-    save(seen, tmp_path / "tracks.json")
-    assert load(VideoTracks, tmp_path / "tracks.json") == seen
+    save(tmp_path / "tracks.json", seen)
+    assert load(tmp_path / "tracks.json", VideoTracks) == seen
     states = states_from_tracks(seen)
     assert states.camera == OTHER
     smoothed = smooth_tracks(states, [])

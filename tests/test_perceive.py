@@ -36,7 +36,7 @@ def test_a_folder_is_parsed_skipping_what_is_done_and_what_fails(videos, tmp_pat
     text = capsys.readouterr().out
     assert "2 done, 0 kept from before, 1 failed" in text
     assert "video_00003.mp4: VideoError" in text
-    assert len(load(Scene, output / "scene_00001.json").objects) >= 2
+    assert len(load(output / "scene_00001.json", Scene).objects) >= 2
     assert json.loads((output / "proposal_00001.json").read_text())["video_index"] == 1
     assert list(json.loads((output / "failures.json").read_text())) == ["video_00003.mp4"]
     before = (output / "scene_00002.json").read_bytes()
@@ -94,7 +94,7 @@ def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion,
     assert (output / "sim_00002.json").read_bytes() == first
     scenes = predict_dynamics(compact, tmp_path / "scenes", "scenes", workers=1)
     assert len(scenes.done) == 4
-    assert load(Scene, tmp_path / "scenes" / "scene_00001.json").n_frames == 128
+    assert load(tmp_path / "scenes" / "scene_00001.json", Scene).n_frames == 128
     with pytest.raises(DataError, match="form is 'csv'; expected one of predictions, scenes"):
         predict_dynamics(compact, output, "csv")
     one = tmp_path / "proposal_00007.json"
@@ -182,7 +182,7 @@ def test_scenes_are_left_out_and_skipped_with_either_way_to_give_them(tmp_path, 
     ]
     write_json(questions, rows)
     for i in range(10000, 10006):
-        save(small_scene, tmp_path / f"scene_{i}.json")
+        save(tmp_path / f"scene_{i}.json", small_scene)
     for given in (
         ["--source", "videos", "--root", str(tmp_path)],
         ["--source", "scenes", "--questions", str(questions), "--data", str(tmp_path)],

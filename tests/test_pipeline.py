@@ -242,8 +242,8 @@ def test_what_is_unusual_and_how_a_question_was_read_stands_in_every_result(
     assert simulation.notes == simulation.scene.notes == (dark, short)
     assert pipeline.judge(video).notes == (dark, short)
     # Also where a scene is made of what was kept.
-    save(p.scene, tmp_path / "scene.json")
-    assert pipeline.answer(load(Scene, tmp_path / "scene.json"), "How many spheers are there?").notes == answer.notes
+    save(tmp_path / "scene.json", p.scene)
+    assert pipeline.answer(load(tmp_path / "scene.json", Scene), "How many spheers are there?").notes == answer.notes
     assert pipeline.perceive(proposals=p.proposals).scene.notes == p.scene.notes
     assert pipeline.perceive(tracks=p.tracks).scene.notes == p.scene.notes
     # Nothing that was found unfit is lost.

@@ -49,7 +49,7 @@ def make_backend(folder, config):
 def make_source(data, wanted):
     from nsdr import Scene, load
 
-    return lambda questions: load(Scene, data / "scene_500002.json")
+    return lambda questions: load(data / "scene_500002.json", Scene)
 """
     (tmp_path / "my_package.py").write_text(example("dynamics") + source)
     metadata = tmp_path / "my_package-1.0.dist-info"

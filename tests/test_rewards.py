@@ -115,7 +115,7 @@ BEFORE = "Frame 40: the blue sphere and the cylinder collide.\nFrame 10: the red
 @pytest.fixture
 def earned(small_scene: Scene, tmp_path):
     """What a text earns with the answer to a program, and with a choice where there is one."""
-    save(small_scene, tmp_path / "scene.json")
+    save(tmp_path / "scene.json", small_scene)
 
     def reward(text: str, program: str, answer: str, *choices: str) -> float | None:
         given = {
@@ -160,7 +160,7 @@ def test_what_a_text_is_worth(earned, text: str, expected: float) -> None:
 
 
 def test_a_wrong_answer_has_no_evidence(small_scene: Scene, tmp_path) -> None:
-    save(small_scene, tmp_path / "scene.json")
+    save(tmp_path / "scene.json", small_scene)
     row = {"solution": ["<answer>2</answer>"], "options": [[]], "program": [COLLISIONS], "option_programs": [[]]}
     assert evidence([f"{BOTH}<answer>3</answer>"], **row, scene=[tmp_path / "scene.json"]) == [0]
 
@@ -257,7 +257,7 @@ def test_gaming_earns_less_than_reasons(example_scene: Scene) -> None:
 
 
 def test_scenes_are_read_from_each_kind_of_file(tmp_path, example_scene: Scene) -> None:
-    save(example_scene, tmp_path / "scene.json")
+    save(tmp_path / "scene.json", example_scene)
     frames = [
         {
             "frame_id": f,

@@ -43,7 +43,7 @@ def test_three_steps_with_all_rewards(tmp_path: Path, conversational: bool) -> N
     from datasets import Dataset
     from trl import GRPOConfig, GRPOTrainer
 
-    save(load(Scene, TRUTH), tmp_path / "scene.json")
+    save(tmp_path / "scene.json", load(TRUTH, Scene))
     (scene,) = read_questions(QUESTIONS)
     rows = []
     for q in scene.questions:

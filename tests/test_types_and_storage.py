@@ -109,39 +109,39 @@ def test_long_fields_are_printed_by_their_size() -> None:
 
 
 def test_scene_survives_a_round_trip(small_scene: Scene, tmp_path) -> None:
-    save(small_scene, tmp_path / "scene.json")
-    back = load(Scene, tmp_path / "scene.json")
+    save(tmp_path / "scene.json", small_scene)
+    back = load(tmp_path / "scene.json", Scene)
     assert back == small_scene
 
 
 def test_arrays_with_nan_survive_a_round_trip(tmp_path) -> None:
-    save(prediction(), tmp_path / "p.json")
-    assert load(DynamicsPrediction, tmp_path / "p.json") == prediction()
+    save(tmp_path / "p.json", prediction())
+    assert load(tmp_path / "p.json", DynamicsPrediction) == prediction()
 
 
 def test_proposals_and_tracks_survive_a_round_trip(tmp_path) -> None:
     p = proposals()
-    save(p, tmp_path / "p.json")
-    assert load(VideoProposals, tmp_path / "p.json") == p
+    save(tmp_path / "p.json", p)
+    assert load(tmp_path / "p.json", VideoProposals) == p
     tracks = track(p)
-    save(tracks, tmp_path / "t.json")
-    assert load(VideoTracks, tmp_path / "t.json") == tracks
+    save(tmp_path / "t.json", tracks)
+    assert load(tmp_path / "t.json", VideoTracks) == tracks
 
 
 def test_loading_names_the_malformed_file(tmp_path, small_scene: Scene) -> None:
     with pytest.raises(DataError, match=r"missing\.json: no such file"):
-        load(Scene, tmp_path / "missing.json")
+        load(tmp_path / "missing.json", Scene)
     (tmp_path / "truncated.json").write_text('{"type": "Scene", "objects"')
     with pytest.raises(DataError, match=r"truncated\.json: not a readable JSON"):
-        load(Scene, tmp_path / "truncated.json")
-    save(small_scene.objects[0], tmp_path / "object.json")
+        load(tmp_path / "truncated.json", Scene)
+    save(tmp_path / "object.json", small_scene.objects[0])
     with pytest.raises(DataError, match="holds SceneObject; expected a Scene"):
-        load(Scene, tmp_path / "object.json")
+        load(tmp_path / "object.json", Scene)
 
 
 def test_other_extensions_are_rejected(tmp_path, small_scene: Scene) -> None:
     with pytest.raises(DataError, match=r"expected a name ending in \.json"):
-        save(small_scene, tmp_path / "scene.txt")
+        save(tmp_path / "scene.txt", small_scene)
 
 
 def test_what_was_not_saved_is_refused_with_what_reads_it(tmp_path) -> None:
@@ -149,6 +149,6 @@ def test_what_was_not_saved_is_refused_with_what_reads_it(tmp_path) -> None:
     path = tmp_path / "annotation_00003.json"
     path.write_text('{"scene_index": 3, "motion_trajectory": []}')
     with pytest.raises(DataError, match=r"annotation_00003\.json: .*scene_from_annotation"):
-        load(Scene, path)
+        load(path, Scene)
     with pytest.raises(DataError, match="cannot save a str; expected one of Add, Answer"):
-        save("text", tmp_path / "a.json")
+        save(tmp_path / "a.json", "text")

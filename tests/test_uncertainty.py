@@ -60,12 +60,12 @@ def test_uncertain_collisions_are_checked(small_scene: Scene) -> None:
 def test_uncertain_collisions_survive_saving_and_old_files_have_none(unsure: Scene, tmp_path) -> None:
     scene = replace(unsure, uncertain=(*unsure.uncertain, UncertainCollision(HIT, 0.5, 3)))
     path = tmp_path / "scene.json"
-    save(scene, path)
-    assert load(Scene, path) == scene
-    save(replace(scene, uncertain=None), path)
+    save(path, scene)
+    assert load(path, Scene) == scene
+    save(path, replace(scene, uncertain=None))
     path.write_text(path.read_text().replace(', "uncertain": null', ""))
     assert "uncertain" not in path.read_text()
-    assert load(Scene, path).uncertain is None
+    assert load(path, Scene).uncertain is None
 
 
 def test_scenes_keep_the_uncertain_collisions_of_rollouts_that_are_in_view() -> None:

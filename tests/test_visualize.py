@@ -195,8 +195,8 @@ def test_several_pictures_of_one_perception(short_video, tmp_path, capsys, monke
 def test_pictures_of_a_saved_scene(perceived, tmp_path, capsys) -> None:
     _, p = perceived
     scene, bare, plan, page = (tmp_path / name for name in ("scene.json", "bare.json", "plan.png", "report.html"))
-    save(replace(p.scene, dynamics=p.explanation.prediction), scene)
-    save(p.scene, bare)
+    save(scene, replace(p.scene, dynamics=p.explanation.prediction))
+    save(bare, p.scene)
     assert main(["visualize", str(scene), "--image", "all", "-o", str(plan), "-o", str(page)]) == 0
     assert [f.name for f in tmp_path.glob("*.png")] == ["plan_plan.png"]
     assert "Without each object" in page.read_text()

@@ -49,7 +49,7 @@ def answer(options: Any) -> int:
     saved = is_scene(options.video)
     if saved:
         refuse_for_scene(options)
-    source = load(Scene, options.video) if saved else options.video
+    source = load(options.video, Scene) if saved else options.video
     pipeline = make_pipeline(options)
     found = pipeline.answer(source, options.question, options.choice or None)
     _print_found(found, options)
@@ -164,7 +164,7 @@ def execute(options: Any) -> int:
     else:
         if options.collisions != "predicted":
             raise DataError("--collisions velocity needs --semantics official")
-        found = Executor(load(Scene, options.scene)).answer(options.program)
+        found = Executor(load(options.scene, Scene)).answer(options.program)
     _print_answer(found, options.trace, probable=False)
     print_notes(found.notes)
     return 0

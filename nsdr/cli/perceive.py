@@ -52,7 +52,7 @@ def parse_video(options: Any) -> int:
 
     perception = pipeline.perceive(options.video)
     scene = perception.scene
-    save(replace(scene, dynamics=_rounded(perception.explanation.prediction)), options.output)
+    save(options.output, replace(scene, dynamics=_rounded(perception.explanation.prediction)))
     if options.proposals_out:
         write_json(options.proposals_out, proposals_document(perception.proposals, Path(options.video).name))
     print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
@@ -191,7 +191,7 @@ def visualize(options: Any) -> int:
         check_installed("av", "writing videos needs PyAV", "visualize")
     if images & {"plan", "html"}:
         check_installed("matplotlib", "figures need matplotlib", "visualize")
-    scene = load(Scene, options.video) if saved else None
+    scene = load(options.video, Scene) if saved else None
     if scene is not None:
         if scene.dynamics is None and "plan" in images:
             message = "holds no trajectories for --image plan; make it again with nsdr parse-video"

@@ -199,4 +199,4 @@ def _write(
         assert perception.explanation is not None
         write_json(path, predictions_document(perception.explanation.prediction))
     else:
-        storage.save(perception.scene, path)
+        storage.save(path, perception.scene)

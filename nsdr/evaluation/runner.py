@@ -181,7 +181,7 @@ def _perceived_by_jobs(
     common = settings.fingerprint(config.checkpoint, config.source, config.truth_source)
     jobs = [_job(config, common, index, *about) for index, about in inputs.items()]
     function = partial(_perceive, config.checkpoint, settings, str(resolve_device(config.device)))
-    folder, read = jobs[0].output.parent, partial(storage.load, Scene)
+    folder, read = jobs[0].output.parent, partial(storage.load, kind=Scene)
     summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
     scenes: dict[int, MadeScene] = {int(job.name): partial(read_output, job, read, function) for job in jobs}
     return scenes | {int(name): DataError(message) for name, message in summary.failed.items()}
@@ -246,7 +246,7 @@ def _job(
 def _perceive(checkpoint: str, settings: PipelineConfig, device: str, item: SceneInput, output: Path) -> None:
     given, true_scene = item
     perception = worker_pipeline(checkpoint, settings, device).perceive(**given, true_scene=true_scene)
-    storage.save(replace(perception.scene, physics=None), output)  # which CLEVRER's questions do not ask for
+    storage.save(output, replace(perception.scene, physics=None))  # which CLEVRER's questions do not ask for
 
 
 def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:

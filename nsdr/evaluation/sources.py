@@ -146,7 +146,7 @@ def _ground_truth(data: Data, _: Set[int]) -> SceneSource:
 
 def _scenes(data: Data, _: Set[int]) -> SceneSource:
     files = FolderFiles(_folder(data, "scenes"))
-    return lambda s: storage.load(Scene, _file(files, ("scene_{:05d}.json",), s.scene_index))
+    return lambda s: storage.load(_file(files, ("scene_{:05d}.json",), s.scene_index), Scene)
 
 
 _NAMES = ("videos", "proposals", "tracks", "predictions", "annotations", "ground-truth", "truth", "scenes")

@@ -5,7 +5,7 @@ import inspect
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, overload
 
 import msgspec
 import numpy as np
@@ -56,12 +56,12 @@ class _StoredArray(msgspec.Struct):
             raise DataError(f"{where}.values: expected numbers of {self.dtype} ({e})") from e
 
 
-def save(value: Any, path: str | Path) -> None:
+def save(path: str | Path, value: Any) -> None:
     """Write a value as JSON, atomically.
 
     Args:
-        value: an instance of a type of `nsdr.types`.
         path: the file, whose name ends in `.json`.
+        value: an instance of a type of `nsdr.types`.
 
     Raises:
         DataError: another file name extension, or a value of another type.
@@ -74,12 +74,20 @@ def save(value: Any, path: str | Path) -> None:
     write_json(path, _encoded(value))
 
 
-def load(kind: type[T], path: str | Path) -> T:
+@overload
+def load(path: str | Path) -> Any: ...
+
+
+@overload
+def load(path: str | Path, kind: type[T]) -> T: ...
+
+
+def load(path: str | Path, kind: type[Any] = object) -> Any:
     """Read and validate a file that `save` wrote.
 
     Args:
-        kind: the expected type, such as `nsdr.Scene`.
         path: the file.
+        kind: the expected type, such as `nsdr.Scene`.
 
     Raises:
         DataError: the file is missing or corrupt, or holds another type; names the file.
@@ -87,13 +95,11 @@ def load(kind: type[T], path: str | Path) -> T:
     tree = read_json(path)
     if not isinstance(tree, dict) or "type" not in tree:
         others = "annotations and truth files are read by nsdr.clevrer (`scene_from_annotation`) and `nsdr evaluate`"
-        raise DataError(
-            f"{path}: no {kind.__name__} of `nsdr.save` or `nsdr parse-video`: it has no key 'type'; {others}"
-        )
+        raise DataError(f"{path}: nothing that `nsdr.save` or `nsdr parse-video` wrote: it has no key 'type'; {others}")
     try:
         value = _decoded(tree, "")
     except (DataError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as e:
-        raise DataError(f"{path}: not a {kind.__name__} ({str(e).splitlines()[0]:.300})") from e
+        raise DataError(f"{path}: not a {tree['type']} ({str(e).splitlines()[0]:.300})") from e
     if not isinstance(value, kind):
         found = type(value).__name__ if type(value).__name__ in _KINDS else "something else"
         raise DataError(f"{path}: holds {found}; expected a {kind.__name__}")

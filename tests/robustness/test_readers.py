@@ -39,7 +39,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "blocks": _blocks,
     "proposals": read_proposals,
     "predictions": lambda path: scene_from_predictions(read_predictions(path)),
-    "scenes": lambda path: load(Scene, path),
+    "scenes": lambda path: load(path, Scene),
     "manifest": read_manifest,
     "submission": read_submission,
     "compact": lambda path: list(read_compact_proposals(path)),
