@@ -102,7 +102,7 @@ def judged_file(path: Path) -> tuple[Judgement, list[Evidence]]:
 
 
 def judged(proposals: VideoProposals, late: NDArray[np.float64] | None = None) -> tuple[Judgement, list[Evidence]]:
-    """What is said of a video, and the evidence; `late` as of `nsdr.judge`."""
+    """What is said of a video, and the evidence; `late` as in `nsdr.laws.judge`."""
     tracks, n = track(proposals), proposals.n_frames
     processed = np.arange(n) if proposals.processed is None else proposals.processed
     timing = timing_of(tracks, processed, np.zeros(n) if late is None else late)

@@ -30,8 +30,12 @@ from .frame_parser.dataset import FrameDataset as FrameDataset
 from .frame_parser.model import build_frame_parser as build_frame_parser
 from .frame_parser.parser import FrameParser as FrameParser
 from .io.storage import load as load, save as save
-from .laws.judge import judge as judge
-from .pipeline import Perception as Perception, Pipeline as Pipeline, PipelineConfig as PipelineConfig
+from .pipeline import (
+    Perception as Perception,
+    Pipeline as Pipeline,
+    PipelineConfig as PipelineConfig,
+    judge as judge,
+)
 from .question_parser.grammar import GrammarParser as GrammarParser
 from .question_parser.model import ParserNetwork as ParserNetwork
 from .question_parser.network import QuestionParser as QuestionParser

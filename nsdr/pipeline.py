@@ -25,7 +25,7 @@ from nsdr.io.files import write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.notes import Note, distinct, unsaid
 from nsdr.io.registry import checked_result
-from nsdr.laws.judge import judge_tracks
+from nsdr.laws.judge import judge_proposals, judge_tracks
 from nsdr.pipeline_config import PipelineConfig, pipeline_settings
 from nsdr.question_parser import loading
 from nsdr.question_parser.base import Parser, read_programs
@@ -42,7 +42,7 @@ from nsdr.world.camera import CLEVRER_CAMERA, Camera
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
 
-__all__ = ["Perception", "Pipeline", "PipelineConfig", "pipeline_settings"]
+__all__ = ["Perception", "Pipeline", "PipelineConfig", "judge", "pipeline_settings"]
 
 KEPT_VIDEOS = 16
 """Perceptions that a pipeline keeps."""
@@ -338,26 +338,40 @@ class Pipeline:
         found = simulate(seen.explanation, interventions, from_frame)
         return replace(found, scene=replace(found.scene, notes=distinct(seen.scene.notes, found.notes)))
 
-    def judge(self, video: str | Path) -> Judgement:
-        """Which laws of CLEVRER's world a video breaks, by which objects, and when; see `nsdr.judge`.
+    def judge(self, video: str | Path | None = None, proposals: VideoProposals | None = None) -> Judgement:
+        """Judge which laws of CLEVRER's world a video breaks, which objects break them, and when.
+
+        The tracks are explained by lawful motion (free sliding between contacts, with masses and restitutions in CLEVRER's
+        range and the noise of positions measured in the video) and by motion that breaks a law. Motion that is hidden, cut by
+        the image border or short gives little or no evidence.
+
+        Args:
+            video: a video file.
+            proposals: proposals in the frames of a video, in place of a file.
 
         Raises:
-            VideoError: as in `perceive` and `nsdr.judge`.
+            VideoError: as in `perceive`; or too few frames were processed, their spacing is too large, or no object is seen.
         """
+        if proposals is not None:
+            return judge_proposals(proposals, self.tracker, self.camera)
+        if video is None:
+            raise VideoError("give a video or proposals")
         wrong = check_video(video, self.video).unfit
         if not wrong or self.video.check != "refuse":
-            proposals, late = self.proposals(video)
-            tracks = track(proposals, self.tracker, self.camera)
+            found, late = self.proposals(video)
+            tracks = track(found, self.tracker, self.camera)
             wrong += (*speed_notes(tracks), *size_notes(tracks))
         if wrong and self.video.check == "refuse":
             raise VideoError(f"{video}: cannot be judged: {'; '.join(wrong)}. --force judges it all the same")
         try:
-            found = judge_tracks(tracks, proposals, late)
+            judgement = judge_tracks(tracks, found, late)
         except VideoError as e:
             raise VideoError(f"{video}: {e}") from e
-        if not found.objects:
+        if not judgement.objects:
             raise VideoError(f"{video}: no objects found in more than {self.tracker.min_frames} frames")
-        return found if self.video.check == "off" else replace(found, notes=distinct(found.notes, wrong))
+        if self.video.check == "off":
+            return judgement
+        return replace(judgement, notes=distinct(judgement.notes, wrong))
 
     def proposals(self, video: str | Path) -> tuple[VideoProposals, NDArray[np.floating[Any]]]:
         """What is judged: proposals in all frames of a video, also after a cut, and how much later each of the (F,) frames is
@@ -423,6 +437,11 @@ class Pipeline:
             return executor.answer(parsed, question, choices or ())
         texts = choices or [str(p) for p in parsed_choices]
         return executor.answer_choices(parsed, list(zip(texts, parsed_choices, strict=True)), question)
+
+
+def judge(video: str | Path | None = None, proposals: VideoProposals | None = None) -> Judgement:
+    """`Pipeline.judge` of the shipped pipeline, which is loaded for it. For many videos, load one pipeline."""
+    return Pipeline.from_pretrained().judge(video, proposals)
 
 
 def _borrowed(folder: Path, config: PipelineConfig) -> list[str]:

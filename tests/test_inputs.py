@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nsdr import DataError, FrameParser, Pipeline, VideoConfig, VideoError, VideoProposals, judge
+from nsdr import DataError, FrameParser, Pipeline, VideoConfig, VideoError, VideoProposals
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.dynamics.sliding import slide
@@ -32,6 +32,7 @@ from nsdr.io.video import (
     video_seconds,
     write_video,
 )
+from nsdr.laws.judge import judge_proposals as judge
 from nsdr.tracking.localization import outline
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS

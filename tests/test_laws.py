@@ -21,7 +21,7 @@ from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import write_json
 from nsdr.io.video import read_video, write_video
 from nsdr.laws.evidence import evidence_in_time, evidence_of
-from nsdr.laws.judge import judge
+from nsdr.laws.judge import judge_proposals as judge
 from nsdr.laws.motion import Evidence, cut_motion, strongest
 from nsdr.laws.presence import renamed
 from nsdr.laws.timing import timing_of

@@ -25,6 +25,7 @@ from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
 from nsdr.generate.scene_files import solids_at
 from nsdr.io.video import read_frames
+from nsdr.laws.judge import judge_proposals
 from nsdr.types import Event
 from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import VIDEO_FRAMES
@@ -63,7 +64,7 @@ def _laws() -> Any:
     seen = _perception().proposals
     kept = (seen.attribute != seen.attribute[0]) | (seen.frame_index < 40)
     names = ("frame_index", "attribute", "score", "centroid_px", "area_px", "box_xyxy_px")
-    found = nsdr.judge(nsdr.VideoProposals(seen.n_frames, *(getattr(seen, name)[kept] for name in names)))
+    found = judge_proposals(nsdr.VideoProposals(seen.n_frames, *(getattr(seen, name)[kept] for name in names)))
     return [[v.law, v.frame, v.end, round(v.probability, 2), *v.objects] for v in found.violations]
 
 

@@ -42,7 +42,7 @@ originals and clips), one seems to break a law at a stride of 2, and one at 3; o
 3."""
 
 
-def judge(
+def judge_proposals(
     proposals: VideoProposals,
     tracker: TrackerConfig | None = None,
     camera: Camera = CLEVRER_CAMERA,
@@ -74,12 +74,12 @@ def judge(
 
 
 def judge_tracks(tracks: VideoTracks, proposals: VideoProposals, late: FloatArray | None = None) -> Judgement:
-    """Judge a video as `judge` does, by its tracks and the proposals that these were made from.
+    """Judge a video as `judge_proposals` does, by its tracks and the proposals that these were made from.
 
     Args:
         tracks: tracks of the video.
         proposals: proposals from which the tracks were made.
-        late: (F,) delays of the frames, as in `judge`.
+        late: (F,) delays of the frames, as in `judge_proposals`.
     """
     processed = _checked_frames(proposals)
     timing = timing_of(tracks, processed, np.zeros(proposals.n_frames) if late is None else late)
