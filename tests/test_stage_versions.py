@@ -106,7 +106,7 @@ def _question_parser() -> Any:
 
 
 def _symbolic() -> Any:
-    executor = nsdr.Executor(nsdr.load(nsdr.Scene, TRUTH))
+    executor = nsdr.Executor(nsdr.load(TRUTH))
     return [executor.answer(program).answer for _, kind, program in _texts() if kind == "descriptive"]
 
 

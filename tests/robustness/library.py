@@ -27,7 +27,7 @@ VISIBLE = np.array([[True] * 8, [False] * 4 + [True] * 4])
 
 
 def _scene() -> nsdr.Scene:
-    return nsdr.load(nsdr.Scene, TRUTH)
+    return nsdr.load(TRUTH)
 
 
 def _exact(**changes: Any) -> Any:

@@ -9,6 +9,6 @@ _FOLDER = Path(str(files(__name__)))
 VIDEO = _FOLDER / "video_500002.mp4"
 """The video."""
 TRUTH = _FOLDER / "scene_500002.json"
-"""The true scene, for `nsdr.load(nsdr.Scene, TRUTH)`."""
+"""The true scene, for `nsdr.load(TRUTH)`."""
 QUESTIONS = _FOLDER / "questions_500002.json"
 """The question file, for `nsdr.clevrer.read_questions`."""
