@@ -38,7 +38,7 @@ def check(wheel: Path, folder: Path) -> None:
     print(run("pip", "check"))
     print(run("nsdr", "demo", "-o", "demo.png").splitlines()[-2])
     clip = run("python", "-c", "from nsdr.clevrer.example import VIDEO; print(VIDEO)")
-    for options in ([], ["--system", "pixels/mac_objects"]):
+    for options in ([], ["--config", "paper"], ["--system", "pixels/mac_objects"]):
         print(run("nsdr", "answer", clip, "-q", "How many collisions happen?", *options))
 
     with socket.socket() as free:

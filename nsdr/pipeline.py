@@ -334,7 +334,8 @@ class Pipeline:
             stage = {VideoProposals: "proposals", VideoTracks: "tracks"}.get(type(video), "video")
             given: dict[str, Any] = {stage: video}
             seen = self.perceive(**given)
-        assert seen.explanation is not None
+        if seen.explanation is None:
+            raise DataError("the perception has no explanation, which a simulation starts from; give the video")
         found = simulate(seen.explanation, interventions, from_frame)
         return replace(found, scene=replace(found.scene, notes=distinct(seen.scene.notes, found.notes)))
 

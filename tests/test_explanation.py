@@ -6,7 +6,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsdr import Add, DataError, DynamicsPrediction, Explanation, Freeze, Remove, Rollout, SceneObject, SetMass
+from nsdr import (
+    Add,
+    Camera,
+    DataError,
+    DynamicsPrediction,
+    Event,
+    Explanation,
+    Freeze,
+    PhysicsPredictor,
+    Remove,
+    Rollout,
+    SceneObject,
+    SetMass,
+    VideoTracks,
+    states_from_tracks,
+)
 from nsdr.dynamics import StoredExplanation, simulate
 from nsdr.types.interventions import Intervention
 
@@ -84,3 +99,22 @@ def test_a_stored_prediction_knows_what_was_stored() -> None:
     ):
         with pytest.raises(DataError, match=message):
             stored.rollout(changes, from_frame, frames)
+
+
+def test_a_stored_rollout_is_cut_to_the_frames_that_are_asked_for() -> None:
+    hits = (Event("collision", 2, (0, 1)), Event("collision", FRAMES + 1, (0, 1)))
+    n = len(OBJECTS)
+    whole = Rollout(np.zeros((n, FRAMES + 5, 2)), np.ones((n, FRAMES + 5), bool), hits)
+    cut = StoredExplanation(DynamicsPrediction(OBJECTS, FRAMES, whole)).rollout(frames=FRAMES)
+    assert cut.location_world.shape == (n, FRAMES, 2)
+    assert cut.visible.shape == (n, FRAMES)
+    assert cut.collisions == hits[:1]
+
+
+def test_a_video_without_objects_is_explained() -> None:
+    camera = Camera((5.0, 0.0, 3.0))
+    nothing = PhysicsPredictor.from_pretrained(device="cpu").explain(
+        states_from_tracks(VideoTracks(FRAMES, (), camera=camera))
+    )
+    assert nothing.camera == camera
+    assert nothing.rollout([]).visible.shape[0] == 0

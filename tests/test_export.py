@@ -199,7 +199,7 @@ def test_true_scenes_are_copied_with_videos(root, tmp_path, capsys) -> None:
     assert json.loads((out / row["scene"]).read_text()) == {"scene": 1}
     write_json(Files(root, "train", 1).truth, {"scene": "another"})
     export(root, out, "--format", "grpo", "--scenes", status=2)
-    assert "(inputs_and_code)" in capsys.readouterr().err
+    assert "(inputs)" in capsys.readouterr().err
 
 
 def test_an_answer_that_the_scene_does_not_give_has_no_reasoning() -> None:
@@ -395,7 +395,7 @@ def test_other_settings_other_data_and_other_files_are_refused(root, tmp_path, c
     assert "export.json: was made with other settings (format); choose another folder" in capsys.readouterr().err
     write_questions(root / "questions" / "train.json", [questions_of(1)])
     export(root, out, "--format", "grpo", status=2)
-    assert "(inputs_and_code)" in capsys.readouterr().err
+    assert "(inputs)" in capsys.readouterr().err
     export(root, root, "--format", "grpo", status=2)
     assert "holds files that are no export; choose an empty or new folder" in capsys.readouterr().err
 

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Protocol
 
@@ -83,6 +84,8 @@ class Explanation(ABC):
         Raises:
             DataError: a change concerns an object that is not there or is impossible, or two changes contradict each other.
         """
+        if not changes and not from_frame and frames is None:
+            return self.observed
         if changes != () or from_frame:
             changes = resolve(changes, self.objects, self.observed.visible[:, : self.n_frames], from_frame)
         return self.run(changes, from_frame, self._length(frames))
@@ -151,11 +154,25 @@ class StoredExplanation(Explanation):
         stored = rollout.visible.shape[1]
         if frames > stored:
             raise DataError(f"frames: the stored rollouts have {stored}, got {frames}")
-        return rollout
+        return rollout if frames == stored else _first_frames(rollout, frames)
 
     def _length(self, frames: int | None = None) -> int:
         """Number of frames of a rollout; None for the length of the stored ones."""
         return self.observed.visible.shape[1] if frames is None else frames
+
+
+def _first_frames(rollout: Rollout, frames: int) -> Rollout:
+    """The first frames of a rollout, and what happens in them."""
+    speed, yaw, uncertain = rollout.speed_world_per_s, rollout.yaw, rollout.uncertain
+    return replace(
+        rollout,
+        location_world=rollout.location_world[:, :frames],
+        visible=rollout.visible[:, :frames],
+        collisions=tuple(e for e in rollout.collisions if e.frame < frames),
+        speed_world_per_s=None if speed is None else speed[:, :frames],
+        uncertain=None if uncertain is None else tuple(u for u in uncertain if u.event.frame < frames),
+        yaw=None if yaw is None else yaw[:, :frames],
+    )
 
 
 def only_removal(changes: Sequence[Intervention], from_frame: int, what: str) -> int | None:

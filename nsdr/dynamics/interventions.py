@@ -110,7 +110,7 @@ def _check_contradictions(changes: Sequence[Intervention], objects: tuple[SceneO
             if len(names) > 1:
                 raise DataError(f"{objects[i].name}: {' and '.join(names)} contradict each other; give one of them")
     removed = [i for i, of in kinds.items() if Remove in of]
-    if len(removed) == len(objects):
+    if removed and len(removed) == len(objects):
         raise DataError(f"interventions: all {len(objects)} objects are removed; nothing is left to simulate")
     there: set[str] = set()
     for o in objects:

@@ -129,7 +129,7 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
     values = {k: v for k, v in asdict(config).items() if k not in ("root", "output", "questions")}
     inputs = fingerprint(inputs=list(files.values()), config=[VERSION, seed, sizes])
     with locked(folder):
-        summaries = _finish(folder, values | {"splits": list(files), "inputs_and_code": inputs}, write)
+        summaries = _finish(folder, values | {"splits": list(files), "inputs": inputs}, write)
     for split, summary in summaries.items():
         if summary.unanswered:
             share = f"{summary.unanswered} of {summary.questions} questions"

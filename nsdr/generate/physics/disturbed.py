@@ -10,7 +10,7 @@ from nsdr.generate.physics.bullet import Body
 
 VELOCITY_ERROR_PER_S, YAW_ERROR_PER_WORLD, LOG_MASS_ERROR_PER_WORLD = 1.5, 40.0, 25.0
 """Errors of velocities (world units/s), yaws (radians) and log masses that go with an error of 1 world unit in positions. Their
-ratios are about those of the errors of the fitted simulator (`benchmarks/precision.py` prints them), and of yaws in
+ratios are about those of the errors of the fitted simulator (`python -m benchmarks.precision` prints them), and of yaws in
 `PhysicsConfig`."""
 
 
