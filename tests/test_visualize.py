@@ -1,10 +1,11 @@
 """Images, videos and reports: tests of their content; their looks are checked by eye."""
 
+import base64
 import html
 import re
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import combinations
 
 import cv2
@@ -14,18 +15,20 @@ import pytest
 from matplotlib import pyplot
 
 import nsdr.visualize
-from nsdr import DataError, Event, Executor, SceneObject, save
+from nsdr import DataError, Event, Executor, Scene, SceneObject, save
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.io.video import read_video
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.symbolic.causal import direct_causes
+from nsdr.tracking.tracker import TrackerConfig, rows_of
 from nsdr.types import LAWS, DynamicsPrediction, Judgement, Rollout, Violation
 from nsdr.visualize import annotated_image, stroboscopic_image, write_report
 from nsdr.visualize.annotate import write_image
 from nsdr.visualize.figures import figure_png, new_figure, plan_figure
 from nsdr.visualize.html_parts import thumbnail
-from nsdr.visualize.violations import JudgedVideo, judgement_html, write_judgements
+from nsdr.visualize.violations import JudgedVideo, judged_video, judgement_html, write_judgements
+from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import COLORS
 
 
@@ -129,9 +132,39 @@ def test_report_has_a_video_objects_events_and_collapsed_numbered_steps(perceive
         in page
     )
     assert page.count("<h3>Without the ") == len(p.scene.objects)
-    gone = re.search(r"<h3>Without the brown metal cylinder</h3>.*?<h3>", page)[0]
-    text = "no longer: the brown metal cylinder and the cyan metal sphere collide"
-    assert re.search(rf"<div><img alt='frame {first.frame}' src='data:image/jpeg[^']+'>{text}", gone)
+    gone = re.search(r"<h3>Without the brown metal cylinder</h3>(.*?)<h3>", page)[1]
+    assert gone.startswith("<img alt='from above' src='data:image/jpeg")
+    assert f"<li>no longer: the brown metal cylinder and the cyan metal sphere collide (frame {first.frame}" in gone
+
+
+def test_report_says_why_each_choice_is_wrong(perceived, tmp_path) -> None:
+    _, p = perceived
+    choices = [("the purple cube", "objects purple filter_color unique")]
+    program = "events events objects cyan filter_color unique filter_out unique filter_ancestor belong_to"
+    answer = Executor(p.scene).answer_choices(program, choices, "Which of these is responsible?")
+    write_report(tmp_path / "report.html", None, p, [answer])
+    table = (tmp_path / "report.html").read_text().partition("<table>")[2].partition("</table>")[0]
+    assert "<tr class=wrong>" in table
+    assert "The purple cube is not responsible for the exit of the cyan sphere" in table
+
+
+def test_report_of_a_video_with_one_object_and_of_a_scene_with_none(perceived, tmp_path) -> None:
+    """Nothing is left without a single object, so the report has no such part."""
+    _, p = perceived
+    rows = rows_of(max(p.tracks.tracks, key=lambda t: len(t.frame_index)), p.proposals)
+    columns = ("frame_index", "attribute", "score", "centroid_px", "area_px", "box_xyxy_px")
+    kept = {name: getattr(p.proposals, name)[rows] for name in columns}
+    proposals = replace(p.proposals, **kept, masks=tuple(p.proposals.masks[i] for i in rows))
+    one = Pipeline.from_pretrained().perceive(proposals=proposals)
+    assert len(one.scene.objects) == 1
+    answer = Executor(one.scene).answer("objects count", "How many objects are there?")
+    write_report(tmp_path / "one.html", perceived[0], one, [answer])
+    page = (tmp_path / "one.html").read_text()
+    assert "Answer: <b>1</b>" in page
+    assert "Without" not in page
+    nothing = Scene((), 128, np.zeros((0, 128), bool), np.zeros((0, 128), bool), ())
+    write_report(tmp_path / "none.html", None, Perception(None, None, None, nothing), [])
+    assert "Without" not in (tmp_path / "none.html").read_text()
 
 
 def test_plan_shows_all_objects_and_collisions_with_their_names() -> None:
@@ -260,6 +293,36 @@ def test_judged_videos_are_reported_worst_first(perceived, tmp_path) -> None:
     assert sorted(parts, key=page.index) == parts
     assert "<td>lawful.mp4<td>6 objects in 128 frames. Probability that a law is broken: 10 %" in page
     assert "<td>&lt;b&gt;.mp4<td>no &lt;video&gt;" in page
+
+
+def test_report_of_judged_videos_holds_the_videos_within_a_limit(perceived, tmp_path) -> None:
+    """The second one is noise, which cannot be compressed, and much longer than a clip."""
+    frames, p = perceived
+    noise = np.random.default_rng(0).integers(0, 255, (600, 320, 480, 3), np.uint8)
+
+    class Judged:
+        tracker, camera = TrackerConfig(), CLEVRER_CAMERA
+
+        def frames(self, path, beyond_cuts, note):
+            return iter(frames if path == "video" else noise)
+
+        def proposals(self, path):
+            return p.proposals, None
+
+    bad = judgement_of(p, 0.9, Violation("inertia", (0,), 20, 30, 0.3, "world units/s", 0.8))
+    row = {f.name: getattr(bad, f.name) for f in fields(bad)}
+    shown = [judged_video(Judged(), row | {"video": name}).shown for name in ("video", "noise")]
+    videos = [re.findall(r"<video controls loop muted src='data:video/mp4;base64,([^']+)'", one) for one in shown]
+    for (video,), n_frames in zip(videos, (128, 300), strict=True):
+        (tmp_path / "video.mp4").write_bytes(base64.b64decode(video))
+        assert (tmp_path / "video.mp4").stat().st_size <= 2_000_000
+        read = cv2.VideoCapture(str(tmp_path / "video.mp4"))
+        assert read.get(cv2.CAP_PROP_FRAME_COUNT) == n_frames
+        seconds = n_frames / read.get(cv2.CAP_PROP_FPS)
+        assert seconds == pytest.approx(n_frames / 25 * (1 if n_frames == 128 else 2))
+    players = [re.search(r"<div id=(\S+)><video", one)[1] for one in shown]
+    assert players[0] != players[1]
+    assert f"querySelector('#{players[0]} video')" in shown[0]
 
 
 def test_a_box_is_thin_where_its_object_is_not_seen(perceived) -> None:

@@ -244,7 +244,7 @@ def even_frames(path: str | Path) -> NDArray[np.uint8]:
 
 
 def write_video(
-    path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: int = 25, crf: int = 20, preset: str = "slow"
+    path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: int | Fraction = 25, crf: int = 20, preset: str = "slow"
 ) -> None:
     """Write frames (H, W, 3) uint8 RGB as an H.264 mp4, atomically.
 

@@ -32,12 +32,14 @@ padding: 0 1em }
 .note { color: var(--faint) }
 h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em; border-bottom: 1px solid var(--line) }
 h3 { font-size: 1em; margin: 1.2em 0 0 } figure { margin: 0 } figcaption { color: var(--faint); font-size: .85em }
-.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 1em }
+.row { display: grid; grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); gap: 1em } .row img { width: 100% }
+.row ul { margin: .4em 0; padding-left: 1.2em; font-size: .9em }
 img, video { max-width: 100%; border-radius: 4px }
 pre { background: var(--code); padding: .8em; overflow-x: auto; font-size: .85em; line-height: 1.35 }
 code { background: var(--code); padding: 0 .2em } table { border-collapse: collapse; width: 100% }
 td, th { padding: .25em .6em; text-align: left; vertical-align: top; border-top: 1px solid var(--line) }
 .answer { font-size: 1.3em } .correct { color: var(--good) } .wrong, .error { color: var(--bad) } td img { width: 150px }
+tr.correct td:first-child, tr.wrong td:first-child { white-space: nowrap; width: 9em }
 summary { cursor: pointer; color: var(--faint) } .number { text-align: right; width: 4em }
 """
 """Style sheet of reports."""
@@ -48,10 +50,10 @@ def notes_html(notes: Iterable[str], known: Collection[str] = ()) -> str:
     return "".join(f"<p class=note>Note: {html.escape(note)}</p>" for note in notes if note not in known)
 
 
-def summary_html(answer: Answer, named: bool, known: Collection[str]) -> str:
-    """The answer with its probability, or a table of the choices; after the question, if it is `named`.
+def summary_html(answer: Answer, named: bool, scene: Scene) -> str:
+    """The answer with its probability, or a table of the choices and the reason for each; after the question, if it is `named`.
 
-    Its notes follow, but for those that are `known`.
+    Its notes follow, but for those of its scene.
     """
     question = f"<p>{html.escape(answer.question)}</p>" if named else ""
     if answer.answer is not None:
@@ -59,11 +61,11 @@ def summary_html(answer: Answer, named: bool, known: Collection[str]) -> str:
         question += f"<p class=answer>Answer: <b>{said}</b>{html.escape(format_probability(answer))}</p>"
     rows = (
         f"<tr class={c.answer or 'error'}><td>{c.answer or 'error'}{html.escape(format_probability(c))}"
-        f"<td>{html.escape(c.choice)}" + (f"<br>{html.escape(c.error)}" if c.error else "")
+        f"<td>{html.escape(c.choice)}<br><small>{html.escape(c.error or _reason(c, scene))}</small>"
         for c in answer.choices
     )
     table = f"<table>{''.join(rows)}</table>" if answer.choices else ""
-    return question + table + notes_html(answer.notes, known)
+    return question + table + notes_html(answer.notes, scene.notes)
 
 
 def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8] | None) -> str:
@@ -77,7 +79,7 @@ def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8
     parts = [f"<h2>Why: {html.escape(answer.question)}</h2>"]
     parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
     if answer.answer is not None:
-        parts.append(_why(answer, perception.scene) + _trace(answer.trace, perception, frames, unfolded=" open"))
+        parts.append(why_html(answer, perception.scene) + _trace(answer.trace, perception, frames, unfolded=" open"))
         return "".join(parts)
     for choice in answer.choices:
         parts.append(
@@ -86,12 +88,19 @@ def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8
         if choice.error:
             parts.append(f"<p>{html.escape(choice.error)}</p>")
         else:
-            parts.append(_why(choice, perception.scene) + _trace(choice.trace, perception, frames))
+            parts.append(why_html(choice, perception.scene) + _trace(choice.trace, perception, frames))
     return "".join(parts)
 
 
-def _why(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
-    return f"<p>{'<br>'.join(map(html.escape, reasons(answer, scene)))}</p>"
+def _reason(choice: ChoiceAnswer, scene: Scene) -> str:
+    """The last sentence of a choice's explanation, which says why it is correct or wrong; "" for a candidate."""
+    return reasons(choice, scene)[-1] if choice.trace else ""
+
+
+def why_html(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
+    """The explanation in sentences, those about the world without an object first."""
+    sentences = sorted(reasons(answer, scene), key=lambda sentence: not sentence.startswith("Without "))
+    return f"<p>{'<br>'.join(map(html.escape, sentences))}</p>"
 
 
 def _trace(
@@ -127,7 +136,7 @@ def _images(step: TraceStep, perception: Perception, frames: NDArray[np.uint8] |
 
 
 def thumbnail(
-    frame: NDArray[np.uint8], frame_index: int, tracks: VideoTracks, objects: Iterable[int], width_px: int = 240
+    frame: NDArray[np.uint8], frame_index: int, tracks: VideoTracks, objects: Iterable[int], width_px: int = 480
 ) -> str:
     """A small copy of a frame as a data URI, with boxes around objects.
 
@@ -158,6 +167,12 @@ def data_uri(image: bytes) -> str:
     """A PNG or JPEG file as a URI that holds it."""
     kind = "png" if image.startswith(b"\x89PNG") else "jpeg"
     return f"data:image/{kind};base64," + base64.b64encode(image).decode()
+
+
+def video_html(mp4: bytes) -> str:
+    """A player of an mp4 file, which it holds."""
+    source = "data:video/mp4;base64," + base64.b64encode(mp4).decode()
+    return f"<video controls loop muted src='{source}'></video>"
 
 
 def figure_html(image: bytes, caption: str) -> str:

@@ -1,6 +1,5 @@
 """One self-contained HTML page about a video: what each stage found and, for each question, program, trace and answer."""
 
-import base64
 import html
 import tempfile
 from collections.abc import Sequence
@@ -11,12 +10,22 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.simulation import simulate
 from nsdr.pipeline import Perception
-from nsdr.types import Answer, Remove, Simulation
+from nsdr.types import Answer, Remove
 from nsdr.visualize.annotate import STROBE_EVERY, stroboscopic_image, write_annotated_video
 from nsdr.visualize.event_words import change_text
 from nsdr.visualize.figures import figure_png, plan_figure
-from nsdr.visualize.html_parts import answer_html, figure_html, jpeg, notes_html, summary_html, write_page
-from nsdr.visualize.timeline import TIMELINE_STYLE, event_picture, timeline_html
+from nsdr.visualize.html_parts import (
+    answer_html,
+    data_uri,
+    figure_html,
+    jpeg,
+    notes_html,
+    summary_html,
+    video_html,
+    write_page,
+)
+from nsdr.visualize.plan_frames import draw_plan
+from nsdr.visualize.timeline import TIMELINE_STYLE, timeline_html
 
 
 def write_report(
@@ -36,13 +45,13 @@ def write_report(
     scene, explanation = perception.scene, perception.explanation
     title = answers[0].question if len(answers) == 1 else "What was seen in the video"
     body = [f"<h1>{html.escape(title)}</h1>", notes_html(scene.notes)]
-    body += [summary_html(answer, len(answers) > 1, scene.notes) for answer in answers]
+    body += [summary_html(answer, len(answers) > 1, scene) for answer in answers]
     if frames is not None and perception.tracks is not None:
         body += ["<h2>Video</h2>", _video(frames, perception)]
     body += [
         "<h2>Objects and events</h2>",
         timeline_html(perception, frames, "#video video"),
-        "<h2>Pictures</h2><div class=row>",
+        "<h2>Pictures</h2>",
     ]
     if frames is not None and perception.tracks is not None and perception.proposals is not None:
         strobe = stroboscopic_image(frames, perception.proposals, perception.tracks)
@@ -51,9 +60,7 @@ def write_report(
     if explanation is not None:
         caption = "From above: trajectories in the video solid, predicted ones dashed."
         body.append(figure_html(figure_png(plan_figure(explanation.prediction, camera=perception.camera)), caption))
-    body.append("</div>")
-    if explanation is not None:
-        body += ["<h2>Without each object</h2>", *_removals(perception, frames, answers)]
+    body.append(_removals(perception, answers))
     body += [answer_html(answer, perception, frames) for answer in answers]
     write_page(path, title, "".join(body), TIMELINE_STYLE)
 
@@ -64,39 +71,36 @@ def _video(frames: NDArray[np.uint8], perception: Perception) -> str:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "annotated.mp4"
         write_annotated_video(file, frames, perception.proposals, perception.tracks, perception.scene)
-        source = "data:video/mp4;base64," + base64.b64encode(file.read_bytes()).decode()
-    caption = "Masks, names and trails in every frame; stars mark collisions."
-    player = f"<video controls loop muted src='{source}'></video>"
-    return f"<figure id=video>{player}<figcaption>{caption}</figcaption></figure>"
+        player = video_html(file.read_bytes())
+    return f"<figure id=video>{player}<figcaption>Masks, names and trails; stars mark collisions.</figcaption></figure>"
 
 
-def _removals(perception: Perception, frames: NDArray[np.uint8] | None, answers: Sequence[Answer]) -> list[str]:
-    """What is different without each object that the questions remove, or without each of all, with pictures."""
+def _removals(perception: Perception, answers: Sequence[Answer]) -> str:
+    """A grid with a cell for each object that the questions remove, or for all objects if they remove none.
+
+    A cell shows the rollout without the object from above, and what is different in it. A single object has no cell, because
+    nothing would be left.
+    """
     explanation = perception.explanation
-    assert explanation is not None
+    if explanation is None or len(explanation.objects) < 2:
+        return ""
     known = set(explanation.counterfactual)
-    chosen = sorted((_removed_objects(answers) or known) & known)
-    parts = []
-    for i in chosen:
-        name = explanation.objects[i].name
+    cells = []
+    for i in sorted((_removed_objects(answers) or known) & known):
         simulation = simulate(explanation, [Remove(i)])
-        plan = figure_html(
-            figure_png(plan_figure(explanation.prediction, i, perception.camera)), "From above; gray: with it."
+        last = simulation.changed.visible.shape[1] - 1
+        plan = draw_plan(simulation.objects, simulation.changed, last, simulation.original, perception.camera)
+        lines = [f"<li>{html.escape(change_text(simulation, change))}" for change in simulation.differences()]
+        cells.append(
+            f"<div><h3>Without the {explanation.objects[i].name}</h3><img alt='from above' src='{data_uri(jpeg(plan))}'>"
+            f"<ul>{''.join(lines) or '<li>nothing else changes'}</ul></div>"
         )
-        changes = _changes(simulation, perception, frames) or "<p>Nothing else changes.</p>"
-        parts.append(f"<h3>Without the {name}</h3><div class=row>{plan}<div>{changes}</div></div>")
-    return parts
-
-
-def _changes(simulation: Simulation, perception: Perception, frames: NDArray[np.uint8] | None) -> str:
-    """A picture and a line for each difference: what no longer happens in the video's frame, else from above."""
-    cards = []
-    for change in simulation.differences():
-        gone = change.kind == "no longer"
-        simulated = simulation.original if gone else simulation.changed
-        picture = event_picture(change.event, perception, frames if gone else None, simulated)
-        cards.append(f"<div>{picture}{html.escape(change_text(simulation, change))}</div>")
-    return f"<div class=cards>{''.join(cards)}</div>" if cards else ""
+    legend = (
+        f"<p class=note>From above, with trails up to frame {last}. Gray outlines: with the object.</p>"
+        if cells
+        else ""
+    )
+    return f"<h2>Without each object</h2>{legend}<div class=row>{''.join(cells)}</div>" if cells else ""
 
 
 def _removed_objects(answers: Sequence[Answer]) -> set[int]:

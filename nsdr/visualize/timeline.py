@@ -22,8 +22,8 @@ HEAD_LENGTH = 6
 """Length of the head of an arrow, and from its tip to the event's place (units of the view box)."""
 TICK_FRAMES = 25
 """Frames between two numbers on the axis: one second."""
-CARD_WIDTH_PX = 180
-"""Width of the pictures of events (pixels)."""
+CARD_WIDTH_PX = 360
+"""Width of the pictures of events (pixels): twice of what is shown, for dense screens."""
 TIMELINE_STYLE = """
 .timeline svg { width: 100%; height: auto; font: 12px system-ui, sans-serif; display: block }
 .timeline text { fill: currentColor }
@@ -83,7 +83,7 @@ def lanes_html(
     """
     box = f"0 0 {LABEL_WIDTH + LANE_WIDTH} {LANE_HEIGHT * len(objects) + AXIS_HEIGHT}"
     drawn = _axis(len(objects), visible.shape[1], end) + _lanes(objects, visible, moving, end) + marks
-    return f"<svg viewBox='{box}' role=img aria-label='timeline of the {what}'>{drawn}</svg>"
+    return f"<svg viewBox='{box}' role=group aria-label='timeline of the {what}'>{drawn}</svg>"
 
 
 def _event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video: str) -> str:

@@ -1,24 +1,30 @@
 """Judged videos as HTML: which laws each breaks, on a timeline and in frames with boxes around the objects."""
 
 import html
+import math
+import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nsdr.io.fingerprint import fingerprint
 from nsdr.io.notes import unsaid
+from nsdr.io.video import write_video
 from nsdr.pipeline import Pipeline
 from nsdr.symbolic.traces import percent
 from nsdr.tracking.tracker import track
 from nsdr.types import LAWS, Judgement, VideoTracks, Violation
 from nsdr.validation import convert
 from nsdr.visualize.event_words import OF_ALL, violation_text
-from nsdr.visualize.html_parts import notes_html, thumbnail, write_page
+from nsdr.visualize.html_parts import notes_html, thumbnail, video_html, write_page
 from nsdr.visualize.timeline import LANE_HEIGHT, TIMELINE_STYLE, frame_x, lanes_html, seek_script
+from nsdr.world.physics_constants import FPS
 
 AROUND_FRAMES = 8
 """Frames from a violation to the pictures before and after it."""
@@ -34,6 +40,10 @@ opacity: 1 }
 """
 )
 """Style sheet of judgements."""
+VIDEO_CRFS = (23, 36, 51)
+"""H.264 rate factors to try in turn until a video is within its limit. A clip of CLEVRER's needs the first."""
+MAX_VIDEO_BYTES, MAX_VIDEO_FRAMES = 2_000_000, 500
+"""Limits of the video in a report; frames of longer videos are left out evenly."""
 LEGEND = (
     "<p><small>Pale bars: an object is seen. Diamonds: a violation begins; red bars: it lasts. Yellow boxes: objects that "
     "break the law; thin ones are where an object that is not seen was seen last, or is seen next.</small>"
@@ -61,9 +71,10 @@ def judgement_of_row(row: Mapping[str, Any]) -> Judgement:
 
 
 def judged_video(pipeline: Pipeline, row: Mapping[str, Any]) -> JudgedVideo:
-    """A row of a report of `nsdr judge`, with pictures if the video breaks a law.
+    """A row of a report of `nsdr judge`, with the video and pictures if it breaks a law.
 
     Raises:
+        DataError: PyAV is missing.
         VideoError: see `Pipeline.proposals`.
     """
     path = str(row["video"])
@@ -74,7 +85,21 @@ def judged_video(pipeline: Pipeline, row: Mapping[str, Any]) -> JudgedVideo:
         return JudgedVideo(path, judgement)
     frames = np.stack(list(pipeline.frames(path, beyond_cuts=True, note=unsaid)))  # the judgement has the notes
     tracks = track(pipeline.proposals(path)[0], pipeline.tracker, pipeline.camera)
-    return JudgedVideo(path, judgement, judgement_html(judgement, tracks, frames))
+    name = f"video-{fingerprint(inputs=[path])}"
+    player = f"<div id={name}>{_player(frames)}</div>"
+    return JudgedVideo(path, judgement, player + judgement_html(judgement, tracks, frames, f"#{name} video"))
+
+
+def _player(frames: NDArray[np.uint8]) -> str:
+    """The video at its speed, within `MAX_VIDEO_BYTES`; "" if it is too large even at the lowest quality."""
+    step = math.ceil(len(frames) / MAX_VIDEO_FRAMES)
+    for crf in VIDEO_CRFS:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "video.mp4"
+            write_video(file, frames[::step], Fraction(FPS, step), crf)
+            if file.stat().st_size <= MAX_VIDEO_BYTES:
+                return video_html(file.read_bytes())
+    return ""
 
 
 def write_judgements(path: str | Path, videos: Sequence[JudgedVideo]) -> None:
