@@ -1,6 +1,7 @@
 """Exceptions a user can act on. The command line prints their message in one line and exits with code 2."""
 
 import errno
+from collections.abc import Sequence
 
 __all__ = [
     "CheckpointError",
@@ -49,7 +50,17 @@ class CheckpointError(NsdrError, ValueError):
 
 
 class QuestionError(NsdrError, ValueError):
-    """A question or choice cannot be parsed into a program."""
+    """A question or choice cannot be parsed into a program.
+
+    Args:
+        reason: what is wrong, in words.
+        nearest: the nearest texts that can be parsed, which the message lists after the reason.
+        what: what these texts are, in the plural.
+    """
+
+    def __init__(self, reason: str, nearest: Sequence[str] = (), what: str = "questions") -> None:
+        super().__init__(reason + (f"; the nearest {what}: {' | '.join(nearest)}" if nearest else ""))
+        self.reason, self.nearest = reason, tuple(nearest)
 
 
 class EndpointError(QuestionError):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsdr import DataError, Event, Executor, Scene, VideoConfig, VideoError
+from nsdr import DataError, Event, Executor, QuestionError, Scene, VideoConfig, VideoError
 from nsdr.apps import menus, web
 from nsdr.apps.clips import KEPT_CLIPS, Clip, Clips
 from nsdr.apps.guard import Guard, delete_upload
@@ -85,8 +85,8 @@ def test_clips_are_perceived_once_and_one_at_a_time(small_scene: Scene, clip_fil
     assert clip.frames().shape == (4, 320, 480, 3)
     fresh = Clips(pipeline, 5)
     fresh.watch(clip_files[0], lambda share, text: said.append((round(share, 1), text)))
-    assert said[0] == (0.0, "looking at frame 0")
-    assert said[-1] == (1.0, "fitting the motion")
+    assert said[0] == (0.0, "finding objects: frame 0")
+    assert said[-1] == (1.0, "following objects and fitting their motion")
 
 
 def test_long_clips_and_other_files_are_refused_before_the_work(
@@ -115,25 +115,24 @@ def test_each_note_is_shown_once(small_scene: Scene, tmp_path: Path) -> None:
     assert "dark" not in answer
 
 
-def test_examples_are_read_and_can_be_answered(small_scene: Scene) -> None:
+def test_suggested_questions_can_be_answered_with_the_choices_that_they_get(small_scene: Scene) -> None:
     executor, parser = Executor(small_scene), GrammarParser()
-    examples = menus.examples(small_scene)
-    assert [example.question for example in examples] == [
-        "How many collisions happen?",
-        "What is the color of the first object to collide with the red metal cube?",
-        "Which of the following is responsible for the blue rubber sphere's exit?",
-        "What will happen next?",
-        "What will happen without the red metal cube?",
-    ]
-    for example in examples:
-        program = parser.parse(example.question, "multiple_choice" if example.choices else "descriptive")
-        if example.choices:
-            choices = [(text, parser.parse(text, "choice").tokens) for text in example.choices]
-            assert {choice.error for choice in executor.answer_choices(program.tokens, choices).choices} == {""}
-        else:
-            assert executor.answer(program.tokens).answer is not None
+    count, cause, without = menus.questions(small_scene)
+    assert count == "How many collisions happen?"
+    assert cause == "Which of the following is responsible for the blue rubber sphere's exit?"
+    assert without == "What will happen without the red metal cube?"
+    assert executor.answer(parser.parse(count, "descriptive").tokens).answer == "2"
+    for question in (cause, without):
+        program = parser.parse(question, "multiple_choice")
+        texts = menus.choices(question, program.tokens, small_scene)
+        assert 2 <= len(texts) <= menus.MAX_CHOICES
+        assert question != without or not any("red metal cube" in text for text in texts)
+        judged = executor.answer_choices(program.tokens, [(t, parser.parse(t, "choice").tokens) for t in texts])
+        assert {choice.error for choice in judged.choices} == {""}
     quiet = replace(small_scene, events=(), predicted=(), counterfactual={})
-    assert [len(example.choices) for example in menus.examples(quiet)] == [0, 6, 3]
+    assert menus.questions(quiet) == [count, without, "What will happen next?"]
+    alone = replace(quiet, objects=small_scene.objects[:1], visible=quiet.visible[:1], moving=quiet.moving[:1])
+    assert menus.questions(alone) == [count]
 
 
 def test_interventions_of_menu_and_sliders(small_scene: Scene) -> None:
@@ -180,35 +179,71 @@ def test_frames_after_a_cut_are_judged_too(small_scene: Scene, clip_files: list[
 
     pipeline.frames, pipeline.tracker, pipeline.camera = frames, TrackerConfig(), CLEVRER_CAMERA
     pipeline.proposals, pipeline.judge = lambda path: (proposals, None), lambda path: Judgement((), 7, (), 0.0)
-    judgement, tracks, shown = Clips(pipeline, 5).judge(clip_files[0])
+    judgement, tracks, shown = Clips(pipeline, 5).judge(
+        Clip("key", clip_files[0], Perception(None, None, None, small_scene), ())
+    )
     assert judgement.n_frames == tracks.n_frames == len(shown) == 7
 
 
-def page_of(clips: Any, folder: Path) -> Any:
-    class Shown(Exception):
-        def __init__(self, message: str, **options: Any) -> None:
-            super().__init__(message)
-            assert options["print_exception"] is False
-
-    page = web._Page(SimpleNamespace(Error=Shown), clips, {}, folder, folder / "uploads")
-    page.laws = "laws"
-    return page, Shown
+def page_of(clips: Any, folder: Path, files: dict[str, Path] | None = None) -> Any:
+    """The page's functions without Gradio: updates are dictionaries, components are their names."""
+    page: Any = web._Page(
+        SimpleNamespace(update=lambda **values: values), clips, files or {}, folder, folder / "uploads"
+    )
+    page.laws, page.refused, page.answer, page.suggested = "laws", "refused", "answer", ["first", "second", "third"]
+    return page
 
 
-def test_what_is_not_judged_has_its_reason(small_scene: Scene, tmp_path: Path) -> None:
+def test_a_refused_first_clip_leaves_the_page_open(small_scene: Scene, tmp_path: Path) -> None:
     pipeline: Any = FakePipeline(small_scene)
     (tmp_path / "<i>.mp4").write_text("no video")
-    page, _ = page_of(Clips(pipeline, 5), tmp_path)
-    said = page._looked_at(tmp_path / "<i>.mp4", lambda share, desc: None)
-    assert "Not judged: &lt;i&gt;.mp4: is a text file; expected a video" in next(said)["laws"]
-    with pytest.raises(VideoError, match="is a text file"):
-        next(said)
+    page = page_of(Clips(pipeline, 5), tmp_path, {"<i>.mp4": tmp_path / "<i>.mp4"})
+    page.look_at_first()
+    (place, said), *_ = page._opened().items()
+    assert place == "refused"
+    assert "&lt;i&gt;.mp4: is a text file; expected a video" in said
+    assert page._thumbnail(tmp_path / "<i>.mp4") is None
+
+
+def test_a_refusal_replaces_the_answer_and_brings_the_nearest_questions(small_scene: Scene, tmp_path: Path) -> None:
+    pipeline: Any = FakePipeline(small_scene)
+    pipeline.question_parser, clips = GrammarParser(), Clips(pipeline, 5)
+    clip = Clip("key", tmp_path / "a.mp4", Perception(None, None, None, small_scene), ())
+
+    def refuse(clip: Clip, question: str, choices: list[str]) -> Any:
+        raise QuestionError("unknown word <unicorns>", ["How many cubes are there?", "Are there cubes?"])
+
+    clips.kept, clips.answer = lambda key: clip, refuse  # type: ignore[assignment,method-assign]
+    said = page_of(clips, tmp_path)._ask("key", "How many unicorns?", "")
+    assert "unknown word &lt;unicorns&gt;<" in said["answer"]
+    assert said["first"] == {"value": "How many cubes are there?", "visible": True}
+    assert said["second"] == {"value": "Are there cubes?", "visible": True}
+    assert said["third"] == {"visible": False}
+
+
+def test_questions_that_need_choices_get_some(small_scene: Scene, tmp_path: Path) -> None:
+    asked: list[Any] = []
+    pipeline: Any = FakePipeline(small_scene)
+    pipeline.question_parser = GrammarParser()
+    pipeline.answer = lambda scene, question, choices: asked.append(choices)
+    explanation: Any = SimpleNamespace(prediction=None)
+    clip = Clip("key", tmp_path / "a.mp4", Perception(None, None, explanation, small_scene), ())
+    for question, choices in (
+        ("How many collisions happen?", []),
+        ("What will happen without the red metal cube?", []),
+        ("What will happen without the red metal cube?", ["nothing"]),
+        ("Is it a unicorn?", []),
+    ):
+        Clips(pipeline, 5).answer(clip, question, choices)
+    assert asked[0] is None
+    assert asked[1][0] == "The green rubber cylinder collides with the red rubber sphere"
+    assert asked[2:] == [["nothing"], None]
 
 
 def test_only_uploads_are_looked_at_as_uploads(small_scene: Scene, tmp_path: Path) -> None:
     """A request may name any file that Gradio serves, such as another visitor's annotated video."""
     pipeline: Any = FakePipeline(small_scene)
-    page, _ = page_of(Clips(pipeline, 5), tmp_path)
+    page = page_of(Clips(pipeline, 5), tmp_path)
     for path in (tmp_path / "videos" / "v.mp4", page.uploads / ".." / "videos" / "v.mp4", VIDEO, None, ""):
         with pytest.raises(DataError, match="no file was uploaded"):
             page._upload_of(path and str(path))
@@ -225,19 +260,22 @@ def test_messages_name_files_without_their_folders() -> None:
 
 def test_errors_become_one_line_and_bugs_are_logged(small_scene: Scene, caplog: pytest.LogCaptureFixture) -> None:
     pipeline: Any = FakePipeline(small_scene)
-    page, shown = page_of(Clips(pipeline, 5), Path())
+    page = page_of(Clips(pipeline, 5), Path())
+
+    def told(error: Exception) -> str:
+        def work() -> Any:
+            raise error
+
+        return str(page._told("place", work)["place"])
+
     said = page._ask("", "How many collisions happen?", None)
-    assert re.search("<p class=error>there is no clip yet, .*; pick or upload one<", said)
-    with pytest.raises(shown, match=r"^no <b> here; it is in v\.mp4$"), page._told():
-        raise DataError("no <b> here; it is in /srv/secret/v.mp4")
+    assert re.search("<p class=error[^>]*>there is no clip yet, .*; pick or upload one<", said["answer"])
+    assert ">no &lt;b&gt; here; it is in v.mp4<" in told(DataError("no <b> here; it is in /srv/secret/v.mp4"))
     assert caplog.text == ""
-    page.clips.kept = lambda key: {}[key]
-    assert "a bug in nsdr" in page._ask("", "How many collisions happen?", None)
-    with pytest.raises(shown, match="a bug in nsdr"), page._told():
-        1 / 0  # noqa: B018
+    assert "a bug in nsdr" in told(ZeroDivisionError("division by zero"))
     assert "ZeroDivisionError" in caplog.text
-    with pytest.raises(shown, match=r"cannot do that now: No space left .* Try again"), page._told():
-        raise OSError(28, "No space left on device", "/srv/secret/0.mp4")
+    full = told(OSError(28, "No space left on device", "/srv/secret/0.mp4"))
+    assert re.search(r"cannot do that now: No space left .* Try again", full)
 
 
 def test_quick_work_asks_for_kept_clips_only(small_scene: Scene, clip_files: list[Path]) -> None:

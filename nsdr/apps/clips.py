@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.errors import DataError, VideoError
+from nsdr.apps import menus
+from nsdr.errors import DataError, QuestionError, VideoError
 from nsdr.io.decoding import check_is_video
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.notes import distinct, unsaid
 from nsdr.io.video import video_seconds
 from nsdr.pipeline import Perception, Pipeline
 from nsdr.tracking.tracker import track
-from nsdr.types import Answer, Judgement, Simulation, VideoTracks
+from nsdr.types import Answer, Judgement, Scene, Simulation, VideoTracks
 from nsdr.types.interventions import Intervention
 from nsdr.visualize.html_parts import jpeg
 from nsdr.world.physics_constants import FPS
@@ -107,26 +109,36 @@ class Clips:
             return clip
 
     def answer(self, clip: Clip, question: str, choices: Sequence[str] = ()) -> Answer:
-        """`Pipeline.answer` about a clip, with its errors."""
+        """`Pipeline.answer` about a clip, with its errors. A question that needs choices and has none gets some."""
         assert clip.perception.explanation is not None
         scene = replace(clip.perception.scene, dynamics=clip.perception.explanation.prediction)
         with self._asking:
-            return self.pipeline.answer(scene, question, list(choices) or None)
+            return self.pipeline.answer(scene, question, list(choices) or self._choices(scene, question) or None)
+
+    def _choices(self, scene: Scene, question: str) -> list[str]:
+        """Choices for a multiple-choice question; none for a descriptive one, and for what is none of both."""
+        parser = self.pipeline.question_parser
+        with suppress(QuestionError):
+            parser.parse(question, "descriptive")
+            return []
+        with suppress(QuestionError):
+            return menus.choices(question, parser.parse(question, "multiple_choice").tokens, scene)
+        return []
 
     def simulate(self, clip: Clip, interventions: Sequence[Intervention], from_frame: int) -> Simulation:
         """`Pipeline.simulate` of a clip, with its errors."""
         with self._working:
             return self.pipeline.simulate(clip.perception, interventions, from_frame)
 
-    def judge(self, path: str | Path) -> tuple[Judgement, VideoTracks, NDArray[np.uint8]]:
-        """Which laws a video breaks, with the tracks and the frames (T, 320, 480, 3) uint8 RGB in which they are shown.
+    def judge(self, clip: Clip) -> tuple[Judgement, VideoTracks, NDArray[np.uint8]]:
+        """Which laws a clip breaks, with the tracks and the frames (T, 320, 480, 3) uint8 RGB in which they are shown.
 
         Frames after a cut are judged, too, and are looked at for that.
 
         Raises:
-            VideoError: see `watch`.
+            VideoError: see `Pipeline.judge`; or the clip's file has been deleted.
         """
-        self.watch(path := Path(path))
+        path = clip.path
         with self._working:
             judgement, how = self.pipeline.judge(path), (self.pipeline.tracker, self.pipeline.camera)
             frames = np.stack(list(self.pipeline.frames(path, beyond_cuts=True, note=unsaid)))
@@ -144,11 +156,11 @@ class Clips:
             for index, frame in enumerate(self.pipeline.frames(path, note=notes.append)):
                 if index > 1 + self.max_seconds * FPS:
                     raise self._too_long(path, index / FPS)  # the file's header says less
-                progress(min(index / max(seconds * FPS, 1), 1.0), f"looking at frame {index}")
+                progress(min(index / max(seconds * FPS, 1), 1.0), f"finding objects: frame {index}")
                 jpegs.append(jpeg(frame))
                 yield frame
 
         proposals = self.pipeline.frame_parser.parse(frames())
-        progress(1.0, "fitting the motion")
+        progress(1.0, "following objects and fitting their motion")
         perception = self.pipeline.perceive(path, proposals=replace(proposals, notes=distinct(proposals.notes, notes)))
         return Clip(key, path, perception, tuple(jpegs))

@@ -1,6 +1,8 @@
 """The video of a simulation: the original and the changed world side by side, from the camera and from above."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from fractions import Fraction
 from itertools import chain
 from pathlib import Path
 
@@ -11,18 +13,19 @@ from numpy.typing import NDArray
 from nsdr.generate.render.preview import render_motion
 from nsdr.generate.render.view import View
 from nsdr.io.video import write_video
-from nsdr.types import Simulation
+from nsdr.types import Rollout, Simulation
 from nsdr.types.interventions import intervention_text
 from nsdr.types.scenes import yaws
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.physics_constants import FPS
 
 HEADER_PX = 48
 """Height of the two lines of text above the images (pixels)."""
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 TITLE_SCALE, SMALL_SCALE = 0.5, 0.42
 """Sizes of the text's lines, in OpenCV's units."""
-INK, PAPER = (30, 30, 30), (255, 255, 255)
+INK, PAPER_GREY = (30, 30, 30), 255
 GAP_PX = 2
 """Width of the line between the images (pixels)."""
 
@@ -31,36 +34,42 @@ def write_comparison(
     path: str | Path,
     frames: Sequence[NDArray[np.uint8]],
     simulation: Simulation,
-    preset: str = "slow",
+    preview: bool = False,
     progress: Callable[[int, int], None] | None = None,
     camera: Camera = CLEVRER_CAMERA,
 ) -> None:
-    """Write an mp4 of `comparison_frames`.
+    """Write an mp4 of `comparison_frames`, which lasts as long as they do in the world.
 
     Args:
         path: file to write.
         frames: (320, 480, 3) uint8 RGB each: the video, which drawn frames continue.
         simulation: of that video.
-        preset: see `nsdr.io.video.write_video`.
+        preview: take a fifth of the time: every other frame, rendered at half the resolution.
         progress: called before each frame with the number of frames that are done, and of all.
         camera: the camera that took the video.
 
     Raises:
         DataError: PyAV is missing.
     """
-    s = simulation
-    later = slice(s.n_frames, None)
-    original, view = s.original, View(camera)
-    following = render_motion(s.objects, original.location_world[:, later], yaws(original)[:, later], view)
-    changed = render_motion(s.objects, s.changed.location_world, yaws(s.changed), view)
+    s, every, scale, preset = simulation, *((2, 2, "ultrafast") if preview else (1, 1, "slow"))
+    n_frames = s.changed.visible.shape[1]
+    view = View(replace(camera, width=camera.width // scale, height=camera.height // scale))
+
+    def rendered(rollout: Rollout, first: int) -> Iterator[NDArray[np.uint8]]:
+        shown = slice(first, None, every)
+        for image in render_motion(s.objects, rollout.location_world[:, shown], yaws(rollout)[:, shown], view):
+            yield np.asarray(cv2.resize(image, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_CUBIC), np.uint8)
+
+    first = -(-s.n_frames // every) * every  # the first shown frame after the video
+    shown = chain(frames[::every], rendered(s.original, first))
 
     def images() -> Iterator[NDArray[np.uint8]]:
-        for done, image in enumerate(comparison_frames(s, chain(frames, following), changed, camera)):
+        for number, image in enumerate(comparison_frames(s, shown, rendered(s.changed, 0), camera, every)):
             if progress is not None:
-                progress(done, s.changed.visible.shape[1])
+                progress(number * every, n_frames)
             yield image
 
-    write_video(path, images(), preset=preset)
+    write_video(path, images(), Fraction(FPS, every), preset=preset)
 
 
 def comparison_frames(
@@ -68,6 +77,7 @@ def comparison_frames(
     original: Iterable[NDArray[np.uint8]],
     changed: Iterable[NDArray[np.uint8]],
     camera: Camera = CLEVRER_CAMERA,
+    every: int = 1,
 ) -> Iterator[NDArray[np.uint8]]:
     """Frames with the original at the left and the changed world at the right: seen by the camera, and below from above.
 
@@ -78,18 +88,20 @@ def comparison_frames(
         original: (320, 480, 3) uint8 RGB: the video, and what follows it.
         changed: as many rendered frames of the changed world.
         camera: the camera that took the video.
+        every: the frames are 0, `every`, 2 `every`, …
 
     Yields:
         (688, 960, 3) uint8 RGB.
     """
     s = simulation
-    for frame, (left, right) in enumerate(zip(original, changed, strict=True)):
-        image = np.full((HEADER_PX + 2 * HEIGHT_PX, 2 * WIDTH_PX, 3), PAPER, np.uint8)
+    for number, (left, right) in enumerate(zip(original, changed, strict=True)):
+        frame = number * every
+        image = np.full((HEADER_PX + 2 * HEIGHT_PX, 2 * WIDTH_PX, 3), PAPER_GREY, np.uint8)
         image[HEADER_PX:-HEIGHT_PX, :WIDTH_PX], image[HEADER_PX:-HEIGHT_PX, WIDTH_PX:] = left, right
         image[-HEIGHT_PX:, :WIDTH_PX] = draw_plan(s.objects, s.original, frame, camera=camera)
         image[-HEIGHT_PX:, WIDTH_PX:] = draw_plan(s.objects, s.changed, frame, s.original, camera)
-        image[HEADER_PX:, WIDTH_PX - GAP_PX // 2 : WIDTH_PX + GAP_PX // 2] = PAPER
-        image[-HEIGHT_PX - GAP_PX // 2 : -HEIGHT_PX + GAP_PX // 2] = PAPER
+        image[HEADER_PX:, WIDTH_PX - GAP_PX // 2 : WIDTH_PX + GAP_PX // 2] = PAPER_GREY
+        image[-HEIGHT_PX - GAP_PX // 2 : -HEIGHT_PX + GAP_PX // 2] = PAPER_GREY
         _write_header(image, s, frame)
         yield image
 

@@ -1,4 +1,4 @@
-"""Example questions about a clip, and interventions built from a menu and sliders."""
+"""Questions about a clip, their choices, and interventions built from a menu and sliders."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,38 +9,41 @@ from nsdr.types import Add, Event, Freeze, Move, Remove, Scene, SetMass, SetVelo
 from nsdr.types.interventions import MAX_POSITION_WORLD, MAX_SPEED_WORLD_PER_S, Intervention
 from nsdr.world.vocabulary import ATTRIBUTES
 
-MAX_PAIRS = 6
-"""Pairs of objects among the choices of a question about collisions."""
+QUESTIONS = 3
+"""Questions that are suggested at a time."""
+MAX_CHOICES = 6
+"""Choices that a question gets."""
 
 
-@dataclass(frozen=True)
-class Example:
-    """A question, and its choices; none for a descriptive question."""
-
-    question: str
-    choices: tuple[str, ...] = ()
-
-
-def examples(scene: Scene) -> list[Example]:
-    """A question of each kind that a scene allows, for a start."""
+def questions(scene: Scene) -> list[str]:
+    """Up to `QUESTIONS` questions that a scene allows, for a start: about what happens, why, and what if."""
     names = [o.name for o in scene.objects]
     hit = next((e for e in scene.events if e.kind == "collision"), None)
-    found = [Example("How many collisions happen?")]
-    if hit is not None:
-        question = f"What is the color of the first object to collide with the {names[hit.objects[0]]}?"
-        found.append(Example(question))
-    events = _unique_events(scene)
-    if events:
-        collisions = [_event(e, names) for e in events[:-1] if e.kind == "collision"]
-        presences = [f"The presence of the {o.name}" for o in scene.objects if o.id not in events[-1].objects]
-        question = f"Which of the following is responsible for t{_event(events[-1], names).removeprefix('T')}?"
-        found.append(Example(question, (*presences, *collisions)))
-    if len(names) > 1:
-        found.append(Example("What will happen next?", _pairs(scene)))
+    found = ["How many collisions happen?"]
+    if events := _unique_events(scene):
+        found.append(f"Which of the following is responsible for t{_event(events[-1], names).removeprefix('T')}?")
     if len(names) > 2:
-        removed = names[hit.objects[0] if hit is not None else 0]
-        found.append(Example(f"What will happen without the {removed}?", _pairs(scene, removed)))
-    return found
+        found.append(f"What will happen without the {names[hit.objects[0] if hit is not None else 0]}?")
+    if len(names) > 1:
+        found.append("What will happen next?")
+    return found[:QUESTIONS]
+
+
+def choices(question: str, program: Sequence[str], scene: Scene) -> list[str]:
+    """Choices for a multiple-choice question that a visitor asks without any.
+
+    Args:
+        question: names objects as the scene does, or by fewer words.
+        program: its tokens.
+        scene: the choices name its objects and events.
+    """
+    names = [o.name for o in scene.objects]
+    if "filter_ancestor" in program:
+        present = [f"The presence of the {name}" for name in names if name not in question]
+        hits = [_event(e, names) for e in _unique_events(scene) if e.kind == "collision"]
+        return [*present[: MAX_CHOICES // 2], *(text for text in hits if text[1:] not in question)][:MAX_CHOICES]
+    removed = next((name for name in names if name in question), "") if "get_counterfact" in program else ""
+    return list(_pairs(scene, removed))
 
 
 def _unique_events(scene: Scene) -> list[Event]:
@@ -60,7 +63,7 @@ def _pairs(scene: Scene, without: str = "") -> tuple[str, ...]:
     later = [*(scene.predicted or ()), *(e for events in (scene.counterfactual or {}).values() for e in events)]
     happening = dict.fromkeys(e.objects for e in (*later, *scene.events) if e.kind == "collision")
     pairs = [p for p in dict.fromkeys([*happening, *combinations(names, 2)]) if names.keys() >= set(p)]
-    return tuple(f"The {names[i]} collides with the {names[j]}" for i, j in pairs[:MAX_PAIRS])
+    return tuple(f"The {names[i]} collides with the {names[j]}" for i, j in pairs[:MAX_CHOICES])
 
 
 @dataclass(frozen=True)

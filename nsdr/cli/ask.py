@@ -119,7 +119,7 @@ def parse_question(options: Any) -> int:
         raise QuestionError("the text is empty")
 
     from nsdr.question_parser.loading import GRAMMAR, NETWORK, load_parser
-    from nsdr.question_parser.suggestions import QUESTION_KINDS, suggestion
+    from nsdr.question_parser.suggestions import QUESTION_KINDS, nearest_questions
 
     name = options.question_parser or GRAMMAR
     if name != NETWORK:
@@ -139,7 +139,8 @@ def parse_question(options: Any) -> int:
             errors.append(e)
     suggested = QUESTION_KINDS if options.kind == "auto" else [options.kind]
     longest = max(errors, key=lambda e: len(str(e)))  # says what is understood as some kind
-    raise QuestionError(f"{longest}{suggestion(options.text, None, *suggested)}") from longest
+    what = "options" if options.kind == "choice" else "questions"
+    raise QuestionError(str(longest), nearest_questions(options.text, None, *suggested), what) from longest
 
 
 def execute_options(parser: Any) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from nsdr.errors import EndpointError, NsdrError, QuestionError
 from nsdr.io.registry import checked_result
-from nsdr.question_parser.suggestions import QUESTION_KINDS, suggestion
+from nsdr.question_parser.suggestions import QUESTION_KINDS, nearest_questions
 from nsdr.symbolic import Program
 from nsdr.symbolic.program import ProgramSource
 from nsdr.types import Scene
@@ -110,4 +110,5 @@ def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Progra
     except QuestionError as e:
         if isinstance(e, EndpointError):  # of the parser, whatever the text is
             raise
-        return QuestionError(f"{e}{suggestion(text, scene, *(kind,) if kind == 'choice' else QUESTION_KINDS)}")
+        kinds, what = ((kind,), "options") if kind == "choice" else (QUESTION_KINDS, "questions")
+        return QuestionError(str(e), nearest_questions(text, scene, *kinds), what)

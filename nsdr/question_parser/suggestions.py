@@ -68,12 +68,6 @@ class _Names:
         return () if use == "enters" else choose.pick(kept)
 
 
-def suggestion(text: str, scene: Scene | None, *kinds: str) -> str:
-    """The nearest questions of some kinds as the end of an error message."""
-    near = nearest_questions(text, scene, *kinds)
-    return f"; the nearest {'options' if kinds == ('choice',) else 'questions'}: {' | '.join(near)}" if near else ""
-
-
 def nearest_questions(text: str, scene: Scene | None, *kinds: str) -> list[str]:
     """Well-formed texts that are most similar to a text.
 

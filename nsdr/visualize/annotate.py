@@ -1,6 +1,7 @@
 """Frames and videos annotated with masks, object names, trails and collisions; and a video as a stroboscopic image."""
 
 import colorsys
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,11 @@ SCALE = 2
 """Size of an annotated image relative to the video's frames. All sizes below are pixels of the annotated image."""
 LIGHTNESS = 0.72
 """HLS lightness of the annotation colours; the hue is the object's."""
-LINE_WIDTH_PX, STAR_SIZE_PX = 2, 22
-"""Width of outlines and trails, and size of the star that marks a collision."""
+LINE_WIDTH_PX, RIM_WIDTH_PX, STAR_SIZE_PX = 2, 2, 22
+"""Width of outlines and trails, width of the rim of text, and size of the star that marks a collision."""
 TRAIL_DOT_EVERY, TRAIL_DOT_RADIUS_PX = 8, 3
 """Frames between two dots on a trail, and their radius."""
-FONT, FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.5
+FONT, FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.8
 WHITE, RIM_COLOR = (255, 255, 255), (20, 20, 20)
 """Colours of text, and of the rim that keeps it readable on any background."""
 TEXT_MARGIN_PX = 2
@@ -172,7 +173,7 @@ def _draw_collision(image: NDArray[Any], event: Event, tracks: VideoTracks, numb
 
 def _draw_text(image: NDArray[Any], text: str, position: tuple[int, int], color: Color) -> None:
     x, y = position
-    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1), (1, 1)):
+    for dx, dy in product((-RIM_WIDTH_PX, 0, RIM_WIDTH_PX), repeat=2):
         cv2.putText(image, text, (x + dx, y + dy), FONT, FONT_SCALE, RIM_COLOR, 1, cv2.LINE_AA)
     cv2.putText(image, text, position, FONT, FONT_SCALE, color, 1, cv2.LINE_AA)
 

@@ -79,7 +79,9 @@ def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8
     parts = [f"<h2>Why: {html.escape(answer.question)}</h2>"]
     parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
     if answer.answer is not None:
-        parts.append(why_html(answer, perception.scene) + _trace(answer.trace, perception, frames, unfolded=" open"))
+        parts.append(
+            why_html(answer, perception.scene) + steps_html(answer.trace, perception, frames, unfolded=" open")
+        )
         return "".join(parts)
     for choice in answer.choices:
         parts.append(
@@ -88,7 +90,7 @@ def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8
         if choice.error:
             parts.append(f"<p>{html.escape(choice.error)}</p>")
         else:
-            parts.append(why_html(choice, perception.scene) + _trace(choice.trace, perception, frames))
+            parts.append(why_html(choice, perception.scene) + steps_html(choice.trace, perception, frames))
     return "".join(parts)
 
 
@@ -103,7 +105,7 @@ def why_html(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
     return f"<p>{'<br>'.join(map(html.escape, sentences))}</p>"
 
 
-def _trace(
+def steps_html(
     trace: Sequence[TraceStep], perception: Perception, frames: NDArray[np.uint8] | None, unfolded: str = ""
 ) -> str:
     """The steps, collapsed, and the program tree; words such as `cube` are no steps but stand among the inputs."""

@@ -21,7 +21,7 @@ FAR_EDGE_PX = 60
 """Image row up to which the visible ground is bright (pixels from the top of the video)."""
 SUBPIXEL_BITS = 4
 """Fraction bits of OpenCV's coordinates."""
-GROUND, OUTSIDE, INK, GHOST = (244, 244, 244), (222, 222, 222), (40, 40, 40), (170, 170, 170)
+GROUND, OUTSIDE_GREY, INK, GHOST = (244, 244, 244), 222, (40, 40, 40), (170, 170, 170)
 STAR_COLOR = (255, 200, 40)
 COLLISION_FRAMES = 10
 """Frames for which a collision is marked."""
@@ -50,7 +50,7 @@ def draw_plan(
     Returns:
         (320, 480, 3) uint8 RGB.
     """
-    image = np.full((HEIGHT_PX, WIDTH_PX, 3), OUTSIDE, np.uint8)
+    image = np.full((HEIGHT_PX, WIDTH_PX, 3), OUTSIDE_GREY, np.uint8)
     far = max(FAR_EDGE_PX, camera.far_row_px)
     corners = [(0, far), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, far)]
     cv2.fillPoly(image, [_pixels(camera.ground(np.array(corners), 0.0))], GROUND, cv2.LINE_AA, SUBPIXEL_BITS)
