@@ -55,7 +55,7 @@ def judged(question: Question, executor: Executor, parser: GrammarParser) -> Ite
     if question.answer is not None:
         kind = str(question.subtype)
         try:
-            said = executor.answer(parser.parse(question.text)).answer
+            said = executor.answer(parser.parse(question.text)).text
         except ExecutionError:
             yield kind, REFUSED
             return

@@ -20,6 +20,7 @@ from nsdr.errors import DataError, QuestionError, VideoError
 from nsdr.frame_parser.check.video import VideoConfig, check_video, clip_frames
 from nsdr.io.checkpoint import PIPELINE, HasWeights, find_checkpoint, folder_of_part, is_default
 from nsdr.io.decoding import check_is_video
+from nsdr.io.description import described, differing
 from nsdr.io.device import resolve_device, without_compiler
 from nsdr.io.files import write_json
 from nsdr.io.fingerprint import fingerprint
@@ -44,6 +45,8 @@ if TYPE_CHECKING:  # they load torch, and settings are checked without it
 
 __all__ = ["Perception", "Pipeline", "PipelineConfig", "judge", "pipeline_settings"]
 
+PARTS = ("frame_parser", "dynamics", "question_parser")
+"""Attributes of a pipeline that can be replaced by objects with the same method."""
 KEPT_VIDEOS = 16
 """Perceptions that a pipeline keeps."""
 PARSER_SETTINGS = ("stride", "precision")
@@ -102,6 +105,12 @@ class Pipeline:
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
         self._kept_proposals: tuple[Any, tuple[VideoProposals, NDArray[np.floating[Any]]]] | None = None
 
+    def __repr__(self) -> str:
+        parts = {name: described(getattr(self, name)) for name in PARTS}
+        settings = {name: getattr(self, name) for name in ("tracker", "video", "camera")}
+        parts |= {name: described(value) for name, value in settings.items() if differing(value)}
+        return f"Pipeline({', '.join(f'{name}={part}' for name, part in parts.items())})"
+
     @classmethod
     def from_pretrained(
         cls,
@@ -158,7 +167,7 @@ class Pipeline:
             DataError: a part of your own, of which a checkpoint could not say how it is loaded; names it.
         """
         settings = self.settings
-        for part in (self.frame_parser, self.dynamics, self.question_parser):
+        for part in (getattr(self, name) for name in PARTS):
             if isinstance(part, HasWeights):
                 part.save_pretrained(folder)
         write_json(Path(folder) / PIPELINE, asdict(settings), indent=1)
@@ -195,7 +204,7 @@ class Pipeline:
             DataError: an unknown device, or one that is not there.
         """
         name = str(resolve_device(device))
-        for part in (self.frame_parser, self.dynamics, self.question_parser):
+        for part in (getattr(self, name) for name in PARTS):
             if isinstance(part, HasWeights):
                 part.to(name)
         return self

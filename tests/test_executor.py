@@ -74,7 +74,7 @@ ROWS = [
 
 @pytest.mark.parametrize(("question", "program", "answer"), ROWS)
 def test_descriptive(executor: Executor, question: str, program: str, answer: str) -> None:
-    assert executor.answer(program, question).answer == answer
+    assert executor.answer(program, question).text == answer
 
 
 def judged(executor: Executor, question: str, choice: str) -> str:
@@ -133,7 +133,7 @@ def test_the_questions_of_the_example_are_answered_correctly(example_scene: Scen
         types.add(question.type)
         assert question.program is not None
         if question.type == "descriptive":
-            assert executor.answer(question.program).answer == question.answer, question.text
+            assert executor.answer(question.program).text == question.answer, question.text
             continue
         choices = [(c.text, c.program or ()) for c in question.choices]
         judgements = [c.answer for c in executor.answer_choices(question.program, choices).choices]
@@ -420,7 +420,7 @@ def test_candidates_are_read_by_what_is_asked_for(
     executor: Executor, program: str, answer: str, correct: list[str], wrong: list[str], unreadable: list[str]
 ) -> None:
     found = executor.answer(program, candidates=[*correct, *wrong, *unreadable])
-    assert found.answer == answer
+    assert found.text == answer
     expected = ["correct"] * len(correct) + ["wrong"] * len(wrong) + [None] * len(unreadable)
     assert {c.choice: c.answer for c in found.choices} == {
         c.choice: word for c, word in zip(found.choices, expected, strict=True)

@@ -435,7 +435,7 @@ def test_generated_questions_agree_with_their_programs(truths) -> None:
         assert [q.id for q in added] == list(range(n, n + len(added)))
         assert {q.subtype for q in added} >= {"speed", "faster", "heavier"}
         for q in added:
-            assert Executor(scene).answer(q.program).answer == q.answer
+            assert Executor(scene).answer(q.program).text == q.answer
             example = prompt(q).partition("<answer>")[2].partition("<")[0]
             assert len(example.split()) == len(q.answer.split()) or q.subtype == "direction"
             assert extension_readings(q.text, "descriptive") == [list(q.program)]

@@ -226,12 +226,12 @@ def test_added_objects_take_part(simulated) -> None:
 
 def test_questions_are_answered_in_the_changed_world(simulated) -> None:
     count = "events objects filter_collision count"
-    assert Executor(simulated(SetMass(0, 1.0)).scene).answer(count).answer == "2"
-    assert Executor(simulated(Freeze(1)).scene).answer(count).answer == "1"
-    assert Executor(simulated(Remove(0)).scene).answer(count).answer == "0"
-    assert Executor(simulated(Remove(0)).scene).answer("objects count").answer == "2"
+    assert Executor(simulated(SetMass(0, 1.0)).scene).answer(count).answer == 2
+    assert Executor(simulated(Freeze(1)).scene).answer(count).answer == 1
+    assert Executor(simulated(Remove(0)).scene).answer(count).answer == 0
+    assert Executor(simulated(Remove(0)).scene).answer("objects count").answer == 2
     moving = "objects null filter_moving count"
-    assert Executor(simulated(SetVelocity(0, speed=0.0)).scene).answer(moving).answer == "0"
+    assert Executor(simulated(SetVelocity(0, speed=0.0)).scene).answer(moving).answer == 0
 
 
 def test_differences_and_probabilities(simulated) -> None:

@@ -68,7 +68,7 @@ def test_seeing_and_asking(server) -> None:
     collisions = [e for e in scene["events"] if e["kind"] == "collision"]
     assert all(set(e["objects"]) <= set(scene["objects"]) and e["probability"] > 0.5 for e in collisions)
     count = call(server, "ask", video="clips/a.mp4", question="How many collisions happen?").structured_content
-    assert count["answer"] == str(len(collisions))
+    assert count["answer"] == len(collisions)
     assert count["program"].startswith(f"count: {len(collisions)}")
     (short,) = scene["notes"]
     assert "48 frames" in short

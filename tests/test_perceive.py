@@ -87,7 +87,7 @@ def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion,
     document = read_predictions(output / "sim_00000.json")
     assert [p.what_if for p in document.predictions] == [-1, 0, 1]
     assert len(scene_from_predictions(document).objects) == 2
-    assert OfficialExecutor(document).answer(["objects", "count"]).answer == "2"
+    assert OfficialExecutor(document).answer(["objects", "count"]).answer == 2
     first = (output / "sim_00002.json").read_bytes()
     (output / "sim_00002.json").unlink()
     assert predict_dynamics(compact, output, workers=1).done == ("00002",)

@@ -147,7 +147,7 @@ def test_unknown_names_and_broken_packages_are_named(capsys) -> None:
 def test_the_documented_dynamics_backend_answers_questions(short_video) -> None:
     pipeline = nsdr.Pipeline.from_pretrained()
     pipeline.dynamics = defined("dynamics")["ConstantVelocity"]()
-    assert pipeline.answer(short_video, "How many collisions happen?").answer == "0"
+    assert pipeline.answer(short_video, "How many collisions happen?").answer == 0
     answer = pipeline.answer(short_video, "What will happen next?", ["The brown cube collides with the purple cube"])
     assert len(answer.choices) == 1
 
@@ -195,6 +195,6 @@ def test_a_soft_mask_counts_where_it_is_at_least_one_half(dtype) -> None:
 def test_the_documented_question_parser_answers_in_german(example_scene) -> None:
     pipeline = nsdr.Pipeline.from_pretrained()
     pipeline.question_parser = defined("parser")["German"]()
-    assert pipeline.answer(example_scene, "Wie viele Würfel gibt es?").answer == "2"
+    assert pipeline.answer(example_scene, "Wie viele Würfel gibt es?").answer == 2
     with pytest.raises(nsdr.QuestionError, match="Wie viele Kollisionen"):
         pipeline.answer(example_scene, "Was passiert?")

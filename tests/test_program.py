@@ -20,6 +20,20 @@ def test_a_list_of_tokens_and_a_text_are_one_program() -> None:
     assert Program.parse(", ".join(COUNT_MOVING).upper()) == program
 
 
+@pytest.mark.parametrize(
+    ("calls", "tokens"),
+    [
+        ("count(filter_collision(events, objects))", "events objects filter_collision count"),
+        ("Count( Objects )", "objects count"),
+        ("count(filter_shape(objects(), 'cube'))", "objects cube filter_shape count"),
+        ("belong_to(unseen_events)", "unseen_events belong_to"),
+        ("query_frame(filter_start(events))", "start get_frame"),
+    ],
+)
+def test_calls_are_a_program(calls: str, tokens: str) -> None:
+    assert Program.parse(calls) == Program.parse(tokens)
+
+
 def test_names_of_the_released_executor_are_parsed() -> None:
     source = "objects events filter_end query_frame filter_resting count"
     assert Program.parse(source).tokens == ("objects", "end", "get_frame", "filter_stationary", "count")
@@ -57,7 +71,13 @@ def test_choice_and_question_are_joined() -> None:
         ("objects objects count", "2 values are left"),
         ("", "the program is empty"),
         ("red", "ends in the word 'red'"),
-        ("Count(Objects)", r"unknown module or word 'count\(objects\)'; expected tokens in postfix order"),
+        ("count(objects", r"'count\(objects': expected calls such as count\(objects\), with each bracket closed"),
+        ("count(objects) exist", "expected calls such as"),
+        ("count(objects, events)", "'count' takes 1 arguments, found 2"),
+        ("filter_shape(objects, filter_color(red))", "'filter_color' takes 2 arguments, found 1"),
+        ("frobnicate(objects)", "token 2: unknown module or word 'frobnicate'"),
+        ("count(objects + events)", r"'objects \+ events': expected a call, a module or a word"),
+        ("count(" * 300 + "objects" + ")" * 300, "with each bracket closed"),
     ],
 )
 def test_errors_name_the_token(source: str, message: str) -> None:

@@ -58,7 +58,7 @@ def test_generated_answers_agree_with_their_programs(scenes, generated) -> None:
         executor = Executor(scene)
         for q in questions.questions:
             if q.type == "descriptive":
-                assert executor.answer(q.program).answer == q.answer
+                assert executor.answer(q.program).text == q.answer
             for c in q.choices:
                 assert executor.run([*c.program, *q.program]) is (c.answer == "correct")
 
@@ -101,7 +101,7 @@ def test_plain_questions_are_about_objects_alone_and_follow_clevrers(scenes, gen
         for q in plain:
             assert q.program is not None
             assert not {"events", "filter_in", "filter_out", "filter_collision"} & set(q.program)
-            assert Executor(scene).answer(q.program).answer == q.answer
+            assert Executor(scene).answer(q.program).text == q.answer
             endings[q.program[-1]] += 1
     assert set(endings) == {"count", "exist", "query_color", "query_material", "query_shape"}
 

@@ -14,12 +14,12 @@ from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.evaluation import calibration
 from nsdr.evaluation.experiments import markdown_table
 from nsdr.evaluation.score import score_scenes
-from nsdr.symbolic import format_probability, probabilities
+from nsdr.symbolic import probabilities
 from nsdr.symbolic.probabilities import SIMULATED_DOUBT
 from nsdr.symbolic.uncertainty import N_DRAWS, possible_scenes
 from nsdr.tracking.tracker import existence
 from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, SceneObject, Track, VideoTracks
-from nsdr.types.answers import ChoiceAnswer
+from nsdr.types.answers import ChoiceAnswer, format_probability
 from nsdr.types.events import enter_exit_events
 
 HIT = Event("collision", 20, (0, 1))
@@ -116,7 +116,7 @@ def test_possible_scenes_have_each_collision_as_often_as_its_probability_says(sm
 def test_an_answer_is_as_probable_as_the_worlds_that_give_it(unsure: Scene, small_scene: Scene) -> None:
     executor = Executor(unsure)
     answer = executor.answer(COUNT)
-    assert answer.answer == "2"  # of the most probable world
+    assert answer.answer == 2  # of the most probable world
     assert answer.probability == pytest.approx(0.75 * 0.75 + 0.25 * 0.25, abs=0.03)
     assert executor.answer("objects count").probability == 1.0
     assert Executor(small_scene).answer(COUNT).probability is None
@@ -321,7 +321,7 @@ def test_an_entrance_before_the_second_frame_is_none() -> None:
     there = drawn_share(scene, lambda s: not s.events and s.visible.all())
     assert there == pytest.approx(0.09, abs=0.002)
     answer = Executor(scene).answer("events objects filter_in count")
-    assert (answer.answer, answer.probability) == ("1", pytest.approx(0.91, abs=0.002))
+    assert (answer.answer, answer.probability) == (1, pytest.approx(0.91, abs=0.002))
 
 
 def test_events_and_visibility_of_a_drawn_scene_agree(perceived: Scene) -> None:
@@ -352,7 +352,7 @@ def test_an_object_may_not_be_there(perceived: Scene) -> None:
         assert {k: [e.objects for e in of] for k, of in world.counterfactual.items()} == {0: [(1, 2)], 1: [], 2: []}
     assert drawn_share(unsure, lambda s: len(s.objects) == 3) == 0.25
     answer = Executor(unsure).answer("objects count")
-    assert (answer.answer, answer.probability) == ("4", 0.75)
+    assert (answer.answer, answer.probability) == (4, 0.75)
 
 
 def test_lists_of_events_are_right_whatever_ids_and_frames_are(perceived: Scene) -> None:
@@ -374,7 +374,7 @@ def test_motion_near_the_limit_is_uncertain() -> None:
     assert Executor(scene).answer("objects null filter_moving count").probability == 1.0
     seen = replace(scene, existence=np.ones(3))
     answer = Executor(seen).answer("objects null filter_moving count")
-    assert (answer.answer, answer.probability) == ("2", pytest.approx(0.6, abs=0.002))
+    assert (answer.answer, answer.probability) == (2, pytest.approx(0.6, abs=0.002))
 
 
 def test_objects_that_enter_at_the_end_are_uncertain() -> None:

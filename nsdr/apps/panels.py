@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.apps.clips import Clip
-from nsdr.symbolic import format_probability
 from nsdr.types import Answer, ChoiceAnswer, Scene, Simulation, TraceStep
+from nsdr.types.answers import format_probability
 from nsdr.visualize.event_words import change_text, interventions_text
 from nsdr.visualize.html_parts import notes_html, steps_html, thumbnail, why_html
 from nsdr.visualize.violations import VIOLATIONS_STYLE
@@ -62,15 +62,15 @@ def answer_panel(answer: Answer, clip: Clip) -> str:
     frames, scene = clip.frames(), clip.perception.scene
     notes = notes_html(answer.notes, scene.notes)
     correct = [c for c in answer.choices if c.answer == "correct"]
-    if answer.answer is not None:
-        said = answer.answer.replace("\n", "; ")
+    if not answer.is_multiple_choice:
+        said = answer.text.replace("\n", "; ")
         head = _said(said, answer)
     elif len(correct) == 1:
         head = _said(correct[0].choice, correct[0])
     else:
         head = f"<b>{len(correct) or 'None'} of the {len(answer.choices)} choices are correct</b>"
     lines = [_choice(choice, clip, frames) for choice in answer.choices]
-    if answer.answer is not None:
+    if not answer.is_multiple_choice:
         lines.insert(0, f"<details><summary>Why</summary>{_why(answer, clip, frames)}</details>")
     return f"<div class=panel><p class=answer>{head}</p>{notes}{''.join(lines)}</div>"
 

@@ -8,6 +8,7 @@ from typing import Any
 from nsdr.clevrer.files.questions import PLAIN, QUESTION_TYPES, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.types import Answer, ChoiceAnswer
+from nsdr.types.answers import answer_from_word
 from nsdr.validation import expect
 from nsdr.world.vocabulary import ATTRIBUTES
 
@@ -75,11 +76,15 @@ def q_type_answers(
             possible = OPTION_ANSWERS if question.choices else SUBTYPE_ANSWERS[key]
             frequent = min(counts[key], key=lambda answer: (-counts[key][answer], answer))
             words = [rng.choice(possible) if name == "random" else frequent for _ in range(n)]
-            judged = (
+            judged = [
                 ChoiceAnswer(c.text, w, c.program or (), ()) for c, w in zip(question.choices, words, strict=False)
+            ]
+            program = question.program or ()
+            given[question.id] = (
+                Answer.of_choices(question.text, program, judged)
+                if judged
+                else Answer(question.text, program, answer_from_word(words[0]))
             )
-            answer = None if question.choices else words[0]
-            given[question.id] = Answer(question.text, question.program or (), answer, choices=tuple(judged))
         yield scene, given
 
 
@@ -95,7 +100,7 @@ def q_type_baselines(
         right: dict[str, list[list[bool]]] = defaultdict(list)
         for scene, given in q_type_answers(scenes, name, seed, training):
             for question in scene.questions:
-                words = [c.answer for c in given[question.id].choices] or [given[question.id].answer]
+                words = [c.answer for c in given[question.id].choices] or [given[question.id].text]
                 right[question.type].append([a == b for a, b in zip(words, _answers(question), strict=True)])
         found[name] = {kind: _accuracy(kind, right[kind]) for kind in QUESTION_TYPES if kind in right}
     return found

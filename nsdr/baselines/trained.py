@@ -20,6 +20,7 @@ from nsdr.io.notes import distinct
 from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic.program import Program
 from nsdr.types import Answer, ChoiceAnswer
+from nsdr.types.answers import answer_from_word
 
 TEXTS_PER_BATCH = 64
 """Most texts about one video that are answered at once. Only the use of memory depends on it."""
@@ -179,13 +180,14 @@ class TrainedBaseline(PretrainedPart):
         """The answer by the probabilities (answers,) of each of its texts."""
         words = [self.vocabulary.answers[int(row.argmax())] for row in probabilities]
         if question.type == "descriptive":
-            return Answer(question.text, question.program or (), words[0], probability=float(probabilities[0].max()))
+            answer = answer_from_word(words[0])
+            return Answer(question.text, question.program or (), answer, probability=float(probabilities[0].max()))
         correct = self.vocabulary.answers.index("correct")
-        choices = tuple(
+        choices = [
             ChoiceAnswer(choice.text, word, choice.program or (), (), probability=float(row[correct]))
             for choice, word, row in zip(question.choices, words, probabilities, strict=True)
-        )
-        return Answer(question.text, question.program or (), None, choices=choices)
+        ]
+        return Answer.of_choices(question.text, question.program or (), choices)
 
     @torch.no_grad()
     def probabilities(self, examples: Sequence[Example], features: Features | None) -> Tensor:

@@ -50,7 +50,8 @@ def narrate(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
         letters = zip(ascii_uppercase, answer.choices, strict=False)
         final = answer_text({letter for letter, c in letters if c.answer == "correct"})
     else:
-        final = (answer.answer or "none").replace("\n", "; ")
+        said = answer.text if isinstance(answer, Answer) else answer.answer or "none"
+        final = said.replace("\n", "; ")
     return "\n".join([*reasons(answer, scene, length), f"<answer>{final}</answer>"])
 
 

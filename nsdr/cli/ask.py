@@ -90,20 +90,16 @@ def _print_found(found: Answer, options: Any) -> None:
         print_notes(found.notes)
 
 
-def _print_answer(found: Answer, trace: bool, probable: bool = True) -> None:
-    from nsdr.symbolic import format_probability, format_trace
+def _print_answer(found: Answer, trace: bool) -> None:
+    from nsdr.symbolic import format_trace
 
-    say = format_probability if probable else lambda _: ""
-    width = len("correct (>99 %)") if any(map(say, found.choices)) else len("correct ")
-    if found.answer is not None:
-        if trace:
+    if trace:
+        for choice in found.choices:
+            if choice.trace:
+                print(f"{choice.choice}:\n{format_trace(choice.trace)}")
+        if found.trace:
             print(format_trace(found.trace))
-        print(found.answer + say(found))
-    for choice in found.choices:
-        judgement = (choice.answer or "error") + say(choice)
-        print(f"{judgement:<{width}} {choice.choice}{': ' + choice.error if choice.error else ''}")
-        if trace:
-            print(format_trace(choice.trace))
+    print(found)
 
 
 def parse_question_options(parser: Any) -> None:
@@ -166,7 +162,7 @@ def execute(options: Any) -> int:
         if options.collisions != "predicted":
             raise DataError("--collisions velocity needs --semantics official")
         found = Executor(load(options.scene, Scene)).answer(options.program)
-    _print_answer(found, options.trace, probable=False)
+    _print_answer(found, options.trace)
     print_notes(found.notes)
     return 0
 
@@ -214,12 +210,12 @@ def demo(options: Any) -> int:
 def _print_compared(question: "Question", found: Answer) -> bool:
     """Print an answer beside the true one; returns whether they are equal."""
     print(textwrap.fill(" ".join(found.program), 110, initial_indent="  program: ", subsequent_indent=" " * 11))
-    if found.answer is not None:
-        print(f"  answer:  {found.answer} (truth: {question.answer})")
+    if not question.choices:
+        print(f"  answer:  {found.text} (truth: {question.answer})")
     for choice, true in zip(found.choices, question.choices, strict=True):
         print(f"  {choice.answer or 'error':<7}  {choice.choice} (truth: {true.answer})")
-    given = [found.answer, *(c.answer for c in found.choices)]
-    agrees = given == [question.answer, *(c.answer for c in question.choices)]
+    given = [c.answer for c in found.choices] or [found.text]
+    agrees = given == ([c.answer for c in question.choices] or [question.answer])
     print(f"  {'equal to' if agrees else 'DIFFERS from'} the ground truth\n")
     return agrees
 

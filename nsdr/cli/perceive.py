@@ -48,18 +48,13 @@ def parse_video(options: Any) -> int:
     pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
     from nsdr.clevrer.files.proposals import proposals_document
     from nsdr.io.files import write_json
-    from nsdr.symbolic.world import event_sentence
 
     perception = pipeline.perceive(options.video)
     scene = perception.scene
     save(options.output, replace(scene, dynamics=_rounded(perception.explanation.prediction)))
     if options.proposals_out:
         write_json(options.proposals_out, proposals_document(perception.proposals, Path(options.video).name))
-    print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
-    for o in scene.objects:
-        print(f"  object {o.id}: {o.name}")
-    for event in scene.events:
-        print(f"  {event_sentence(event, [o.name for o in scene.objects])}")
+    print(f"{options.output}: {scene}")
     print_notes(scene.notes)
     return 0
 
@@ -155,7 +150,7 @@ def judge(options: Any) -> int:
 
 
 def _print_judgement(row: dict[str, Any]) -> None:
-    from nsdr.symbolic.traces import percent
+    from nsdr.types.answers import percent
     from nsdr.visualize.event_words import violation_text
     from nsdr.visualize.violations import judgement_of_row
 

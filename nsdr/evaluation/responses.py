@@ -18,6 +18,7 @@ from nsdr.evaluation.measures import percent
 from nsdr.evaluation.report import Report
 from nsdr.evaluation.score import score_answers
 from nsdr.types import Answer, ChoiceAnswer
+from nsdr.types.answers import answer_from_word
 
 MISSING, UNREAD = "missing: the file has no answer", "unread"
 """How the errors of missing and of unread answers begin."""
@@ -132,14 +133,14 @@ def answer_of(question: Question, response: Response) -> Answer:
     An option on which the system failed is judged as "error", which is never right.
     """
     if isinstance(response.answer, str):
-        return Answer(question.text, (), response.answer)
+        return Answer(question.text, (), answer_from_word(response.answer))
     right = response.answer or frozenset()
     letters = option_letters(len(question.choices))
     judged = [
         ChoiceAnswer(c.text, ERROR if x in response.failed else "correct" if x in right else "wrong", (), ())
         for x, c in zip(letters, question.choices, strict=True)
     ]
-    return Answer(question.text, (), None, choices=tuple(judged))
+    return Answer.of_choices(question.text, (), judged)
 
 
 def _id(key: QuestionKey) -> str:
@@ -195,5 +196,7 @@ def _reference_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def _constant(question: Question, word: str, judgement: str) -> Answer:
-    judged = tuple(ChoiceAnswer(c.text, judgement, (), ()) for c in question.choices)
-    return Answer(question.text, (), None if judged else word, choices=judged)
+    judged = [ChoiceAnswer(c.text, judgement, (), ()) for c in question.choices]
+    if judged:
+        return Answer.of_choices(question.text, (), judged)
+    return Answer(question.text, (), answer_from_word(word))

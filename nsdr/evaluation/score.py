@@ -87,8 +87,8 @@ def _answer(executor: Executor | OfficialExecutor, question: Question, parse: Pa
         try:
             return executor.answer_choices(program, choices)
         except ExecutionError as e:  # of the question
-            failed = tuple(ChoiceAnswer(c.text, None, (), (), str(e)) for c in question.choices)
-            return Answer(question.text, (), None, choices=failed)
+            failed = [ChoiceAnswer(c.text, None, (), (), str(e)) for c in question.choices]
+            return Answer.of_choices(question.text, (), failed)
     except NsdrError as e:
         return e
 
@@ -107,8 +107,8 @@ def _result(scene: SceneQuestions, question: Question, found: Answer | NsdrError
     if isinstance(found, NsdrError):
         row["error"] = str(found)
     elif question.type == "descriptive":
-        correct = found.answer == question.answer
-        row |= {"answer": found.answer} | without_none(probability=found.probability)
+        correct = found.text == question.answer
+        row |= {"answer": found.text} | without_none(probability=found.probability)
     else:
         # A choice that fails names something that is not in the scene: it cannot be right.
         judged = [replace(c, answer="wrong") if c.error else c for c in found.choices]

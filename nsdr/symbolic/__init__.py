@@ -4,7 +4,7 @@ from nsdr.symbolic.executor import Executor
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, Module
 from nsdr.symbolic.official import OfficialExecutor
 from nsdr.symbolic.program import Program, Step
-from nsdr.symbolic.traces import format_probability, format_trace, format_tree
+from nsdr.symbolic.traces import format_trace, format_tree
 
 __all__ = [
     "MODULES",
@@ -15,7 +15,6 @@ __all__ = [
     "OfficialExecutor",
     "Program",
     "Step",
-    "format_probability",
     "format_trace",
     "format_tree",
 ]

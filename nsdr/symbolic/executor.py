@@ -92,13 +92,14 @@ class Executor:
         values = self._supposing(lambda e: e._values(parsed.steps))
         trace = self._trace(parsed.steps, values)
         is_list = parsed.result == Kind.EVENTS
-        text = "\n".join(self.world.sentences(values[-1])) or "none" if is_list else trace[-1].text
+        said: int | str = "\n".join(self.world.sentences(values[-1])) or "none" if is_list else trace[-1].text
+        said = values[-1] if parsed.result == Kind.NUMBER else said
         probability = self._probability(parsed, self._said(parsed.result, values[-1]))
-        answer = Answer(question, parsed.tokens, text, trace, (), probability)
+        answer = Answer(question, parsed.tokens, said, trace, (), probability)
         choices = tuple(self._candidate(parsed, answer, candidate) for candidate in candidates)
         notes = [*self.scene.notes, *parsed.notes]
         if candidates and not any(c.answer == "correct" for c in choices):
-            notes.append(f"none of the candidates says the answer, {text!r}")
+            notes.append(f"none of the candidates says the answer, {answer.text!r}")
         return replace(answer, choices=choices, notes=distinct(notes))
 
     def answer_choices(
@@ -127,15 +128,15 @@ class Executor:
         answers = self._with_probabilities(answers) if scores is None else self._exactly_one(answers, *scores)
         of_choices = (choice.notes for _, choice in choices if isinstance(choice, Program))
         notes = distinct(self.scene.notes, parsed.notes, *of_choices)
-        return Answer(question, parsed.tokens, None, (), tuple(answers), notes=notes)
+        return Answer.of_choices(question, parsed.tokens, answers, notes)
 
     def _candidate(self, program: Program, answer: Answer, candidate: str) -> ChoiceAnswer:
         """Whether a candidate says the answer, and how probable it is that it says the right one."""
         try:
-            said = read_candidate(candidate, program.result, str(answer.answer))
+            said = read_candidate(candidate, program.result, answer.text)
         except UnreadableError:
             return ChoiceAnswer(candidate, None, (), (), "says no answer that can be read")
-        if said == answer.answer:
+        if said == answer.text:
             return ChoiceAnswer(candidate, "correct", (), (), probability=answer.probability)
         probability = None if said is None else self._probability(program, said)
         return ChoiceAnswer(candidate, "wrong", (), (), probability=probability)

@@ -60,7 +60,7 @@ class OfficialExecutor:
         except (ProgramError, ExecutionError):
             return Answer(question, tokens, ERROR)
         value = trace[-1].value
-        return Answer(question, tokens, str(value) if type(value) is int else trace[-1].text, trace)
+        return Answer(question, tokens, value if type(value) is int else trace[-1].text, trace)
 
     def answer_choices(
         self,
@@ -76,9 +76,9 @@ class OfficialExecutor:
                 judged.append(ChoiceAnswer(text, ERROR, (), (), str(choice)))
                 continue
             whole = self.answer((*program_tokens(choice), *tokens))
-            judgement = {"yes": "correct", "no": "wrong"}.get(str(whole.answer), ERROR)
+            judgement = {"yes": "correct", "no": "wrong"}.get(whole.text, ERROR)
             judged.append(ChoiceAnswer(text, judgement, whole.program, whole.trace))
-        return Answer(question, tokens, None, (), tuple(judged))
+        return Answer.of_choices(question, tokens, judged)
 
     def _steps(self, tokens: Sequence[str]) -> tuple[TraceStep, ...]:
         """Every step, with its types checked as it runs."""

@@ -11,7 +11,7 @@ collision, so "How many collisions happen?" is answered by 1, which is right wit
     >>> scene = Scene(objects, 128, seen, seen, (hit,), uncertain=(UncertainCollision(hit, 0.75),))
     >>> count = Executor(scene).answer("events objects filter_collision count")
     >>> count.answer, count.probability
-    ('1', 0.75)
+    (1, 0.75)
 
 If the probability is 0.25, the collision is not among the scene's events. But "What is the shape of the object to collide with
 the red cube?" supposes that there is one. It is answered in the most probable scene in which the program runs, and the

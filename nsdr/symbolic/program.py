@@ -1,6 +1,7 @@
 """Programs: postfix token lists, checked against the signature table before they run."""
 
-from collections.abc import Sequence
+import ast
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -134,8 +135,7 @@ def _checked(tokens: tuple[str, ...]) -> Program:
         else:
             arity = ARITY.get(token)
             if arity is None:
-                hint = "; expected tokens in postfix order" if "(" in token else ""
-                raise ProgramError(f"token {index + 1}: unknown module or word {token!r:.60}{hint}")
+                raise ProgramError(f"token {index + 1}: unknown module or word {token!r:.60}")
             if token == "belong_to" and len(stack) == 1 and not needs_choice:
                 needs_choice = True
                 stack.insert(0, -1)
@@ -172,16 +172,20 @@ def program_tokens(source: ProgramSource) -> tuple[str, ...]:
     """Postfix tokens of a program in the data set's names.
 
     Args:
-        source: postfix tokens (a list, or a string separated by spaces or commas) with the data set's or the released
-            executor's names, also between `<START>` and `<END>` or `<NULL>`.
+        source: postfix tokens (a list, or a text separated by spaces or commas), or a text of calls such as
+            `count(filter_collision(events, objects))`, in which `belong_to(unseen_events)` leaves out the choice. The names
+            are those of the data set or of the released executor. `<START>` before postfix tokens, and `<END>` or `<NULL>`
+            and what follows, are skipped.
 
     Raises:
-        ProgramError: a token that is no text, or more tokens than `Limits.program_tokens`.
+        ProgramError: a token that is no text, calls that are malformed or have too few or too many arguments, or more tokens
+            than `Limits.program_tokens`.
     """
     if isinstance(source, Program):
         return source.tokens
     if isinstance(source, str):
-        source = source.lower().replace(",", " ").split()
+        text = source.lower()
+        source = _postfix(text) if "(" in text else text.replace(",", " ").split()
     most = limits().program_tokens
     if len(source) > most:
         raise ProgramError(f"the program has more than {most} tokens; the limit program_tokens allows more")
@@ -198,3 +202,30 @@ def program_tokens(source: ProgramSource) -> tuple[str, ...]:
         else:
             tokens.append(RESEARCH_NAMES.get(token, token))
     return tuple(tokens)
+
+
+def _postfix(text: str) -> list[str]:
+    """Postfix tokens of nested calls, which are written as in Python."""
+    try:
+        return list(_tokens(ast.parse(text.strip(), mode="eval").body))
+    except (SyntaxError, ValueError, MemoryError, RecursionError) as e:
+        if isinstance(e, ProgramError):
+            raise
+        raise ProgramError(f"{text!r:.60}: expected calls such as count(objects), with each bracket closed") from e
+
+
+def _tokens(node: ast.expr) -> Iterator[str]:
+    if isinstance(node, ast.Name):
+        yield node.id
+    elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+        yield node.value
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+        name, given = node.func.id, len(node.args)
+        arity = ARITY.get(RESEARCH_NAMES.get(name, name))
+        if arity is not None and given != arity and (name, given) != ("belong_to", 1):
+            raise ProgramError(f"{name!r} takes {arity} arguments, found {given}")
+        for argument in node.args:
+            yield from _tokens(argument)
+        yield name
+    else:
+        raise ProgramError(f"{ast.unparse(node)!r:.60}: expected a call, a module or a word")

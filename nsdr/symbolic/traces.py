@@ -1,8 +1,8 @@
-"""Execution traces as text and as trees, and probabilities in words."""
+"""Execution traces as text and as trees."""
 
 from collections.abc import Sequence
 
-from nsdr.types import Answer, ChoiceAnswer, TraceStep
+from nsdr.types import TraceStep
 
 
 def format_trace(trace: Sequence[TraceStep]) -> str:
@@ -13,20 +13,6 @@ def format_trace(trace: Sequence[TraceStep]) -> str:
         call = f"{step.module}({inputs})" if inputs else step.module
         lines.append(f"{number:>3}  {call:<26} {step.text}")
     return "\n".join(lines)
-
-
-def format_probability(answer: Answer | ChoiceAnswer) -> str:
-    """How probable it is that an answer or judgement is right, as " (98 %)"; "" where that is not known."""
-    if answer.probability is None or answer.answer is None:
-        return ""
-    right = 1 - answer.probability if answer.answer == "wrong" else answer.probability
-    return f" ({percent(right)})"
-
-
-def percent(probability: float) -> str:
-    """A probability (0-1) as "77 %", never as certainty."""
-    rounded = round(100 * probability)
-    return f"{'>99' if rounded == 100 else '<1' if rounded == 0 else rounded} %"
 
 
 def format_tree(trace: Sequence[TraceStep]) -> str:

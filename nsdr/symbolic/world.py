@@ -14,10 +14,10 @@ from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
 from nsdr.symbolic.quantities import Quantities, Simulate
 from nsdr.types import Event, Scene, SceneObject
+from nsdr.types.events import event_sentence
 
 Objects = tuple[int, ...]
 Events = tuple[Event, ...]
-VERBS = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,3 @@ class World:
         names, n_frames = [f"the {name}" for name in self._names], self._scene.n_frames
         texts = [(e, event_sentence(e, names)) for e in events]
         return tuple(t if e.frame < n_frames else t.replace("(frame", "(about frame") for e, t in texts)
-
-
-def event_sentence(event: Event, names: Sequence[str]) -> str:
-    """An event as a sentence, such as "red metal cube enters (frame 12)"; `names` are those of the scene's objects."""
-    what = VERBS[event.kind].format(*[names[i] for i in event.objects]) if event.objects else event.kind
-    return what if event.frame < 0 else f"{what} (frame {event.frame})"

@@ -11,6 +11,8 @@ from nsdr.validation import BoolArray, Checked, Count, expect, one_of
 
 PARTICIPANTS = {"in": 1, "out": 1, "collision": 2}
 """Number of objects of each kind of event."""
+VERBS = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}
+"""What happens in each kind of event, with places for its objects."""
 NO_FRAME = -1
 """`Event.frame` of an event that is only possible. Rollouts and scenes hold events at frames only."""
 
@@ -34,6 +36,12 @@ class Event(Checked):
         n = PARTICIPANTS[self.kind]
         fits = len(self.objects) == n and self.objects[0] < self.objects[-1] + (n == 1)
         expect(fits, f"Event.objects of {self.kind}", f"{n} ascending object ids", self.objects)
+
+
+def event_sentence(event: Event, names: Sequence[str]) -> str:
+    """An event as a sentence, such as "red metal cube enters (frame 12)"; `names` are those of the scene's objects."""
+    what = VERBS[event.kind].format(*[names[i] for i in event.objects]) if event.objects else event.kind
+    return what if event.frame < 0 else f"{what} (frame {event.frame})"
 
 
 def in_order(events: Sequence[Event]) -> tuple[Event, ...]:

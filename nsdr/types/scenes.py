@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from nsdr.types.arrays import ArrayHolder
-from nsdr.types.events import Event, in_order
+from nsdr.types.events import Event, event_sentence, in_order
 from nsdr.types.tracks import SceneObject, check_objects
 from nsdr.validation import (
     Array,
@@ -133,7 +133,7 @@ class DynamicsPrediction(ArrayHolder):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(ArrayHolder):
-    """The symbolic scene that programs run on.
+    """The symbolic scene that programs run on. Printed, it is its objects and its events, a line for each.
 
     Attributes:
         objects: identities; attribute triples are unique.
@@ -193,6 +193,15 @@ class Scene(ArrayHolder):
             object.__setattr__(self, "predicted", in_order(self.predicted))
         if self.counterfactual is not None:
             object.__setattr__(self, "counterfactual", MappingProxyType(dict(counterfactual)))
+
+    def describe(self, event: Event) -> str:
+        """An event with the names of its objects, such as "red metal cube enters (frame 12)"."""
+        return event_sentence(event, [o.name for o in self.objects])
+
+    def __str__(self) -> str:
+        head = f"{self.n_frames} frames, {len(self.objects)} objects"
+        objects = (f"  object {o.id}: {o.name}" for o in self.objects)
+        return "\n".join([head, *objects, *(f"  {self.describe(event)}" for event in self.events)])
 
 
 def _check_world(owner: str, world: DynamicsPrediction | Scene) -> None:

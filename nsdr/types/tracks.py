@@ -104,6 +104,10 @@ class Track(ArrayHolder):
         super().__post_init__()
         _check_frames(f"Track {self.object.id}.frame_index", self.frame_index, repeated=False)
 
+    def __repr__(self) -> str:
+        frames = f" from frame {self.frame_index[0]} to {self.frame_index[-1]}" if len(self.frame_index) else ""
+        return f"Track(object {self.object.id}, {self.object.name}: {len(self.frame_index)} detections{frames})"
+
 
 @dataclass(frozen=True)
 class VideoTracks(Checked):

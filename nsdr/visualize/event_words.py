@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from nsdr.symbolic.traces import percent
-from nsdr.symbolic.world import VERBS
 from nsdr.types import Event, EventChange, SceneObject, Simulation, Violation
+from nsdr.types.answers import percent
+from nsdr.types.events import VERBS
 from nsdr.types.interventions import intervention_text
 
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from nsdr.claims.narration import reasons
 from nsdr.io.files import write_file
 from nsdr.pipeline import Perception
-from nsdr.symbolic import format_probability, format_tree
+from nsdr.symbolic import format_tree
 from nsdr.types import Answer, ChoiceAnswer, Scene, TraceStep, VideoTracks
+from nsdr.types.answers import format_probability
 
 OBSERVED_FRAMES_PER_STEP = 3
 """Maximum number of frames shown beside a step of the trace."""
@@ -56,8 +57,8 @@ def summary_html(answer: Answer, named: bool, scene: Scene) -> str:
     Its notes follow, but for those of its scene.
     """
     question = f"<p>{html.escape(answer.question)}</p>" if named else ""
-    if answer.answer is not None:
-        said = html.escape(answer.answer).replace("\n", "<br>")
+    if not answer.is_multiple_choice:
+        said = html.escape(answer.text).replace("\n", "<br>")
         question += f"<p class=answer>Answer: <b>{said}</b>{html.escape(format_probability(answer))}</p>"
     rows = (
         f"<tr class={c.answer or 'error'}><td>{c.answer or 'error'}{html.escape(format_probability(c))}"
@@ -78,7 +79,7 @@ def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8
     """
     parts = [f"<h2>Why: {html.escape(answer.question)}</h2>"]
     parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
-    if answer.answer is not None:
+    if not answer.is_multiple_choice:
         parts.append(
             why_html(answer, perception.scene) + steps_html(answer.trace, perception, frames, unfolded=" open")
         )

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from nsdr.pipeline import Perception
 from nsdr.symbolic.causal import direct_causes
-from nsdr.symbolic.traces import percent
 from nsdr.types import Event, Rollout, Scene, SceneObject
+from nsdr.types.answers import percent
 from nsdr.visualize.event_words import event_text
 from nsdr.visualize.html_parts import data_uri, jpeg, thumbnail
 from nsdr.visualize.plan_frames import draw_plan

@@ -17,9 +17,9 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.notes import unsaid
 from nsdr.io.video import write_video
 from nsdr.pipeline import Pipeline
-from nsdr.symbolic.traces import percent
 from nsdr.tracking.tracker import track
 from nsdr.types import LAWS, Judgement, VideoTracks, Violation
+from nsdr.types.answers import percent
 from nsdr.validation import convert
 from nsdr.visualize.event_words import OF_ALL, violation_text
 from nsdr.visualize.html_parts import notes_html, thumbnail, video_html, write_page

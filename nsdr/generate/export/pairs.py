@@ -136,7 +136,7 @@ def _changed(question: Question, executor: Executor) -> Question | None:
         return None
     with suppress(NsdrError):
         if question.type == "descriptive":
-            other = replace(question, answer=executor.answer(question.program).answer)
+            other = replace(question, answer=executor.answer(question.program).text)
         else:
             values = [executor.run([*(c.program or ()), *question.program]) for c in question.choices]
             answers = ["correct" if value else "wrong" for value in values]

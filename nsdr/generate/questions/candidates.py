@@ -123,7 +123,7 @@ def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False
     for symbol in map(str.upper, EXTENSION_KINDS) if beyond else of_clevrer:
         for text, program in clevrer().every(symbol, words, rng):
             try:
-                answer = executor.answer(program).answer
+                answer = executor.answer(program).text
             except ExecutionError:  # not known, no such object or event, or more than one
                 continue
             subtype = symbol.lower() if beyond else program[-1]
@@ -260,7 +260,7 @@ def plain_questions(scene: Scene, rng: random.Random, count: int) -> list[Questi
     for _ in range(PLAIN_TRIES * count if scene.objects else 0):
         program = _plain_program(scene, rng)
         try:
-            answer = executor.answer(program).answer
+            answer = executor.answer(program).text
         except ExecutionError:
             continue
         key = program[-1], str(answer)
