@@ -27,7 +27,7 @@ def test_answer_from_what_save_wrote(capsys, tmp_path) -> None:
     save(tmp_path / "scene.json", load(TRUTH, Scene))
     assert run(capsys, "answer", tmp_path / "scene.json", "-q", "How many collisions happen?")[:2] == (0, "4\n")
     execute = ("execute", "--scene", tmp_path / "scene.json", "--program", "objects count")
-    assert run(capsys, *execute)[:2] == (0, "6\n")
+    assert run(capsys, *execute)[:2] == (0, "6 (>99 %)\n")
 
 
 def test_notes_are_lines_of_stderr_or_stand_in_the_json(capsys, tmp_path, small_scene) -> None:
@@ -181,7 +181,7 @@ def test_parse_video_writes_scene_and_proposals(capsys, tmp_path) -> None:
     assert document["video_index"] == 500002
     assert len(document["frames"]) == 128
     code, out, _ = run(capsys, "execute", "--scene", scene, "--program", "objects count")
-    assert (code, out) == (0, "6\n")
+    assert (code, out) == (0, "6 (>99 %)\n")
 
 
 def test_parse_question(capsys) -> None:

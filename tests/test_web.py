@@ -121,7 +121,7 @@ def test_suggested_questions_can_be_answered_with_the_choices_that_they_get(smal
     assert count == "How many collisions happen?"
     assert cause == "Which of the following is responsible for the blue rubber sphere's exit?"
     assert without == "What will happen without the red metal cube?"
-    assert executor.answer(parser.parse(count, "descriptive").tokens).answer == "2"
+    assert executor.answer(parser.parse(count, "descriptive").tokens).answer == 2
     for question in (cause, without):
         program = parser.parse(question, "multiple_choice")
         texts = menus.choices(question, program.tokens, small_scene)
