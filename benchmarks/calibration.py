@@ -53,7 +53,11 @@ def statements(scene: Scene, truth: Scene) -> Iterator[tuple[str, float, bool]]:
         probability = dict.fromkeys((named(scene, e) for e in events), 1.0)
         for one in scene.uncertain or ():
             is_observed = one.event.frame < scene.n_frames
-            if one.removed == removed and (kind == WITHOUT or is_observed == (kind == OBSERVED)):
+            if (
+                one.event.kind == "collision"
+                and one.removed == removed
+                and (kind == WITHOUT or is_observed == (kind == OBSERVED))
+            ):
                 probability[named(scene, one.event)] = one.probability
         yield from ((kind, p, pair in true) for pair, p in probability.items() if p >= LOWEST)
 
@@ -61,8 +65,10 @@ def statements(scene: Scene, truth: Scene) -> Iterator[tuple[str, float, bool]]:
 def events_of(scene: Scene, kind: str, removed: int | None) -> Iterable[Event] | None:
     """Collisions of a kind; None where the scene does not know them."""
     if removed is not None:
-        return (scene.counterfactual or {}).get(removed)
-    return scene.predicted if kind == AFTER else [e for e in scene.events if e.kind == "collision"]
+        events = (scene.counterfactual or {}).get(removed)
+    else:
+        events = scene.predicted if kind == AFTER else scene.events
+    return None if events is None else [e for e in events if e.kind == "collision"]
 
 
 def text_of(title: str, found: dict[str, dict[str, Any]]) -> str:

@@ -66,7 +66,7 @@ from .types import (
     Simulation as Simulation,
     TraceStep as TraceStep,
     Track as Track,
-    UncertainCollision as UncertainCollision,
+    UncertainEvent as UncertainEvent,
     VideoProposals as VideoProposals,
     VideoTracks as VideoTracks,
     Violation as Violation,

@@ -438,11 +438,11 @@ class Pipeline:
         parsed, parsed_choices = read_programs(self.question_parser, question, choices, program, choice_programs, given)
         scene = self.perceive(video_or_scene).scene if given is None else given  # type: ignore[arg-type]
 
-        def collisions_with(change: Intervention, from_frame: int) -> Sequence[Event]:
+        def events_with(change: Intervention, from_frame: int) -> Sequence[Event]:
             """Of the video, and after it, for questions "what if"."""
-            return self.simulate(video_or_scene, [change], from_frame).changed.collisions  # type: ignore[arg-type]
+            return self.simulate(video_or_scene, [change], from_frame).events  # type: ignore[arg-type]
 
-        executor = Executor(scene, simulate=collisions_with if given is None else None)
+        executor = Executor(scene, simulate=events_with if given is None else None)
         if parsed_choices is None:
             return executor.answer(parsed, question, choices or ())
         texts = choices or [str(p) for p in parsed_choices]

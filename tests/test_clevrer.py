@@ -127,7 +127,8 @@ def test_scene_of_a_prediction() -> None:
     scene = scene_from_prediction(DynamicsPrediction(objects, 128, rollout, {1: Rollout(location, visible, ())}))
     assert scene.events == (Event("in", 10, (0,)), Event("collision", 50, (0, 1)))
     assert scene.predicted == (Event("collision", 150, (0, 1)),)
-    assert scene.counterfactual == {1: ()}
+    assert scene.counterfactual == {1: (Event("in", 10, (0,)),)}
+    assert not scene.collisions_only
     assert scene.moving is not None
     assert scene.moving[0].all()
     assert not scene.moving[1].any()

@@ -45,7 +45,7 @@ from nsdr.question_parser.grammar import GrammarParser, extension_readings
 from nsdr.rewards import exact
 from nsdr.symbolic import format_trace
 from nsdr.tracking.tracker import tracks_from_annotation
-from nsdr.types import ObjectPhysics, UncertainCollision
+from nsdr.types import ObjectPhysics, UncertainEvent
 from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import LOG_MASS_STD
 
@@ -173,14 +173,13 @@ def test_changed_objects_are_simulated_once_each(known: Scene) -> None:
     assert asked[1:] == [(SetVelocity(3, vx=0.0, vy=0.0), 10)]  # when it enters
 
 
-def test_entrances_and_exits_with_a_changed_object_are_not_known(known: Scene) -> None:
-    executor = Executor(known, simulate=lambda change, frame: [Event("collision", 30, (1, 2))])
-    exits = f"all_events {BLUE} filter_out unique"
-    for program in (TWICE, f"{TWICE} negate"):
-        answer = executor.answer_choices(program, [("exits", exits), ("collide", COLLIDES)])
-        assert [c.answer for c in answer.choices] == [None, "wrong" if "negate" in program else "correct"]
-        assert "whether the blue rubber sphere exits is not known" in answer.choices[0].error
-    assert executor.run(f"all_events {BLUE} twice_as_heavy get_changed count") == 1
+def test_entrances_and_exits_with_a_changed_object_are_those_of_the_simulation(known: Scene) -> None:
+    happening = [Event("collision", 30, (1, 2)), Event("out", 90, (1,))]
+    executor = Executor(known, simulate=lambda change, frame: happening)
+    choices = [("exits", f"all_events {BLUE} filter_out unique"), ("enters", f"all_events {BLUE} filter_in unique")]
+    judged = executor.answer_choices(TWICE, [*choices, ("collide", COLLIDES)])
+    assert [c.answer for c in judged.choices] == ["correct", "wrong", "correct"]
+    assert executor.run(f"all_events {BLUE} twice_as_heavy get_changed count") == 2
 
 
 def test_changes_that_cannot_be_simulated_are_refused(known: Scene) -> None:
@@ -331,12 +330,13 @@ def test_pipelines_answer_about_changed_objects_of_videos(known: Scene, parsers)
         def simulate(self, video, interventions, from_frame=0):
             assert interventions == [SetMass(1, 2.0)]
 
-            return SimpleNamespace(changed=SimpleNamespace(collisions=(Event("collision", 30, (1, 2)),)))
+            return SimpleNamespace(events=(Event("collision", 30, (1, 2)), Event("out", 90, (1,))))
 
     question = "What would happen if the blue sphere were twice as heavy?"
     choices = ["The blue sphere collides with the green cylinder", "The blue sphere and the red cube collide"]
+    choices += ["The blue sphere exits the scene", "The red cube exits the scene"]
     answer = Simulates().answer(VIDEO, question, choices)
-    assert [c.answer for c in answer.choices] == ["correct", "wrong"]
+    assert [c.answer for c in answer.choices] == ["correct", "wrong", "correct", "wrong"]
     with pytest.raises(ExecutionError, match="ask about the video"):
         Simulates().answer(known, question, choices)
 
@@ -556,7 +556,7 @@ def test_what_stands_still_may_be_said_in_other_words(known: Scene, candidate: s
 def test_the_probability_of_a_direction_is_of_the_world_that_was_supposed(known: Scene) -> None:
     """The last object to hit the blue sphere is known only where an uncertain collision happens."""
     hit = Event("collision", 60, (0, 3))
-    scene = replace(known, motion_px=np.array([(-80.0, -40.0)] * 4), uncertain=(UncertainCollision(hit, 0.4),))
+    scene = replace(known, motion_px=np.array([(-80.0, -40.0)] * 4), uncertain=(UncertainEvent(hit, 0.4),))
     partner = "events objects cube filter_shape filter_collision second filter_order objects cube filter_shape unique"
     found = Executor(scene).answer(f"{partner} get_col_partner query_image_direction")
     assert found.answer == "up and to the left"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsdr import DataError, Event, ExecutionError, Executor, Scene, UncertainCollision, load, narrate, save
+from nsdr import DataError, Event, ExecutionError, Executor, Scene, UncertainEvent, load, narrate, save
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.dynamics.scene import scene_from_prediction
@@ -39,26 +39,26 @@ def possible(one: str, other: str) -> str:
 @pytest.fixture
 def unsure(small_scene: Scene) -> Scene:
     """The first collision happens with 75 %, another one with 25 %."""
-    return replace(small_scene, uncertain=(UncertainCollision(HIT, 0.75), UncertainCollision(MAYBE, 0.25)))
+    return replace(small_scene, uncertain=(UncertainEvent(HIT, 0.75), UncertainEvent(MAYBE, 0.25)))
 
 
 def test_the_worked_example_is_right() -> None:
     assert doctest.testmod(probabilities) == (0, 13)
 
 
-def test_uncertain_collisions_are_checked(small_scene: Scene) -> None:
-    with pytest.raises(DataError, match=r"UncertainCollision: .*probability`"):
-        UncertainCollision(HIT, 1.5)
-    with pytest.raises(DataError, match=r"UncertainCollision.event: expected a collision at a frame"):
-        UncertainCollision(Event("in", 3, (0,)), 0.5)
+def test_uncertain_events_are_checked(small_scene: Scene) -> None:
+    with pytest.raises(DataError, match=r"UncertainEvent: .*probability`"):
+        UncertainEvent(HIT, 1.5)
+    with pytest.raises(DataError, match=r"UncertainEvent.event: expected an event at a frame"):
+        UncertainEvent(Event("in", -1, (0,)), 0.5)
     with pytest.raises(DataError, match=r"Scene.uncertain: expected removed objects from 0 to 3, got 4"):
-        replace(small_scene, uncertain=(UncertainCollision(HIT, 0.5, 4),))
+        replace(small_scene, uncertain=(UncertainEvent(HIT, 0.5, 4),))
     with pytest.raises(DataError, match="expected objects from 0 to 3 at a frame"):
-        replace(small_scene, uncertain=(UncertainCollision(Event("collision", 3, (0, 7)), 0.5),))
+        replace(small_scene, uncertain=(UncertainEvent(Event("collision", 3, (0, 7)), 0.5),))
 
 
 def test_uncertain_collisions_survive_saving_and_old_files_have_none(unsure: Scene, tmp_path) -> None:
-    scene = replace(unsure, uncertain=(*unsure.uncertain, UncertainCollision(HIT, 0.5, 3)))
+    scene = replace(unsure, uncertain=(*unsure.uncertain, UncertainEvent(HIT, 0.5, 3)))
     path = tmp_path / "scene.json"
     save(path, scene)
     assert load(path, Scene) == scene
@@ -77,14 +77,14 @@ def test_scenes_keep_the_uncertain_collisions_of_rollouts_that_are_in_view() -> 
         np.zeros((3, 12, 2)),
         visible,
         (seen,),
-        uncertain=(UncertainCollision(seen, 0.7), UncertainCollision(later, 0.2), UncertainCollision(hidden, 0.3)),
+        uncertain=(UncertainEvent(seen, 0.7), UncertainEvent(later, 0.2), UncertainEvent(hidden, 0.3)),
     )
-    without = replace(rollout, collisions=(), uncertain=(UncertainCollision(seen, 0.4, 2),))
+    without = replace(rollout, collisions=(), uncertain=(UncertainEvent(seen, 0.4, 2),))
     prediction = DynamicsPrediction(objects, 10, rollout, {2: without})
     assert scene_from_prediction(prediction).uncertain == (
-        UncertainCollision(seen, 0.7),
-        UncertainCollision(later, 0.2),
-        UncertainCollision(seen, 0.4, 2),
+        UncertainEvent(seen, 0.7),
+        UncertainEvent(later, 0.2),
+        UncertainEvent(seen, 0.4, 2),
     )
     unknown = replace(prediction, counterfactual={2: replace(without, uncertain=None)})
     assert scene_from_prediction(unknown).uncertain is None
@@ -94,10 +94,10 @@ def test_scenes_keep_the_uncertain_collisions_of_rollouts_that_are_in_view() -> 
 def test_possible_scenes_have_each_collision_as_often_as_its_probability_says(small_scene: Scene) -> None:
     later = Event("collision", 140, (0, 3))
     uncertain = (
-        UncertainCollision(HIT, 0.75),
-        UncertainCollision(MAYBE, 0.25),
-        UncertainCollision(later, 0.5),
-        UncertainCollision(HIT, 0.125, 2),
+        UncertainEvent(HIT, 0.75),
+        UncertainEvent(MAYBE, 0.25),
+        UncertainEvent(later, 0.5),
+        UncertainEvent(HIT, 0.125, 2),
     )
     drawn = possible_scenes(replace(small_scene, uncertain=uncertain))
     assert sum(n for n, _ in drawn) == N_DRAWS
@@ -134,7 +134,7 @@ def test_what_a_question_supposes_is_taken_to_have_happened(small_scene: Scene) 
     partner = f"events {GREEN} filter_collision {RED_CUBE} filter_collision unique {GREEN} get_col_partner query_color"
     why = f"events events {GREEN} filter_collision {RED_CUBE} filter_collision unique filter_ancestor belong_to"
     choices = [("the blue sphere", BLUE), ("the red cube", RED_CUBE)]
-    likely = Executor(replace(small_scene, uncertain=(UncertainCollision(MAYBE, 0.3),)))
+    likely = Executor(replace(small_scene, uncertain=(UncertainEvent(MAYBE, 0.3),)))
     answer = likely.answer(partner)
     assert (answer.answer, answer.probability) == ("red", 1.0)
     judged = likely.answer_choices(why, choices)
@@ -143,8 +143,8 @@ def test_what_a_question_supposes_is_taken_to_have_happened(small_scene: Scene) 
     for uncertain in (
         None,
         (),
-        (UncertainCollision(MAYBE, 0.03),),
-        (UncertainCollision(Event("collision", 80, (0, 3)), 0.3),),
+        (UncertainEvent(MAYBE, 0.03),),
+        (UncertainEvent(Event("collision", 80, (0, 3)), 0.3),),
     ):
         executor = Executor(replace(small_scene, uncertain=uncertain))
         with pytest.raises(ExecutionError, match="there is no collision"):
@@ -162,15 +162,15 @@ def test_what_a_choice_supposes_is_taken_to_have_happened(small_scene: Scene) ->
     ]
     before = Event("collision", 10, (0, 3))
 
-    def first(*uncertain: UncertainCollision) -> ChoiceAnswer:
+    def first(*uncertain: UncertainEvent) -> ChoiceAnswer:
         return Executor(replace(small_scene, uncertain=uncertain)).answer_choices(why, choices).choices[0]
 
-    likely = first(UncertainCollision(before, 0.3))
+    likely = first(UncertainEvent(before, 0.3))
     assert (likely.answer, likely.error, likely.probability) == ("correct", "", 1.0)
     assert before in {e for step in likely.trace for e in step.events}
-    half = first(UncertainCollision(before, 0.3), UncertainCollision(Event("collision", 15, (0, 3)), 0.3))
+    half = first(UncertainEvent(before, 0.3), UncertainEvent(Event("collision", 15, (0, 3)), 0.3))
     assert half.answer == "correct"  # in worlds with both, the choice fits two collisions
-    for uncertain in ((), (UncertainCollision(before, 0.03),)):
+    for uncertain in ((), (UncertainEvent(before, 0.03),)):
         assert "there is no collision" in str(first(*uncertain).error)
 
 
@@ -190,8 +190,8 @@ def test_worlds_are_drawn_once(unsure: Scene, monkeypatch) -> None:
 
 def test_a_choice_has_the_probability_that_it_is_correct(small_scene: Scene) -> None:
     uncertain = (
-        UncertainCollision(Event("collision", 30, (0, 2)), 0.75, 1),
-        UncertainCollision(Event("collision", 30, (0, 3)), 0.25, 1),
+        UncertainEvent(Event("collision", 30, (0, 2)), 0.75, 1),
+        UncertainEvent(Event("collision", 30, (0, 3)), 0.25, 1),
     )
     executor = Executor(replace(small_scene, uncertain=uncertain))
     single = executor.answer_choices(WITHOUT_BLUE, [("b", possible(RED_CUBE, RED_SPHERE))]).choices

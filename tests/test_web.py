@@ -420,10 +420,10 @@ def test_serve_refuses_what_cannot_be(option: str, value: str, capsys: pytest.Ca
 
 
 def test_events_are_marked_in_the_timeline(small_scene: Scene) -> None:
-    from nsdr.types import UncertainCollision
+    from nsdr.types import UncertainEvent
     from nsdr.visualize.timeline import timeline_html
 
-    unsure = replace(small_scene, uncertain=(UncertainCollision(Event("collision", 40, (1, 2)), 0.7),))
+    unsure = replace(small_scene, uncertain=(UncertainEvent(Event("collision", 40, (1, 2)), 0.7),))
     page = timeline_html(Perception(None, None, None, unsure), None, "#tracks video")
     assert page.count("<g class=event") == page.count("<button type=button data-event=") == 5
     assert "frame 40: the blue rubber sphere and the green rubber cylinder collide (70 %)" in page

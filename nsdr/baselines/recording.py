@@ -21,7 +21,7 @@ def keep_recording(scene: Scene) -> Scene:
     """The scene in which the removal of an object changes no collision of the video but takes away the object's own."""
     collisions = [e for e in scene.events if e.kind == "collision"]
     without = {o.id: tuple(e for e in collisions if o.id not in e.objects) for o in scene.objects}
-    return replace(scene, counterfactual=without, dynamics=None, uncertain=None)
+    return replace(scene, counterfactual=without, dynamics=None, uncertain=None, collisions_only=True)
 
 
 def tag_options(questions: SceneQuestions, scene: Scene) -> SceneQuestions:

@@ -141,7 +141,7 @@ class StatementChecker:
             when, only, known = "after the video", "after the video", self.scene.predicted
         if known is None:
             raise _Undecided(None, f"events {when} are not known in this scene")
-        if said.events[0].kind != "collision":
+        if said.events[0].kind != "collision" and self.scene.collisions_only:
             raise _Undecided(None, f"only collisions are known {only}")
         return known
 

@@ -121,6 +121,10 @@ class _Narration:
             self._counted(self._collected(steps, trace, step.inputs[0]), trace[step.inputs[0]])
         elif step.module.startswith("query_"):
             self._queried(step, steps, trace)
+        elif step.module in ("unseen_events", "counterfact_events"):
+            removed = trace[step.inputs[0]].value if step.inputs else None
+            for event in step.value:
+                self._predicted(event, removed)
         else:
             self.events |= set(step.events) & set(self.scene.events)
 
@@ -129,7 +133,7 @@ class _Narration:
     def _membership(self, chosen: TraceStep, group: TraceStep, trace: Sequence[TraceStep]) -> None:
         if group.module == "filter_ancestor":
             self._responsible(chosen.value, trace[group.inputs[1]].value)
-        elif isinstance(chosen.value, Event) and chosen.value.kind == "collision":
+        elif isinstance(chosen.value, Event):
             event = chosen.value
             self.events |= {e for e in self.scene.events if e.objects == event.objects and e.kind == event.kind}
             if group.module == "unseen_events":
@@ -164,26 +168,33 @@ class _Narration:
             self.conclusions.append(Statement("cause", True, events=(self.event(event, event.frame), effect)))
 
     def _elsewhere(self, event: Event, events: Sequence[Event], removed: int | None = None) -> None:
-        """Add whether a collision happens after the video or without an object, and on what that is based.
+        """Add whether an event happens after the video or without an object, and on what that is based.
 
-        After the video, it is based on the last event of each of its objects, if they collide, and on what else happens then.
-        Without an object, it is based on all collisions that do not happen in the video. A long text also tells the others.
+        After the video, it is based on the last event of each of its objects, if it happens, and on what else happens then.
+        Without an object, it is based on all events of its kind that do not happen in the video. A long text also tells the
+        others.
         """
-        observed = [e for e in self.scene.events if e.kind == "collision"]
-        happening, seen = {e.objects for e in events}, {e.objects for e in observed}
+        observed = [e for e in self.scene.events if e.kind == event.kind]
+        happening, seen = {(e.kind, e.objects) for e in events}, {(e.kind, e.objects) for e in observed}
         last, moving = self.scene.n_frames - 1, self.scene.moving
         if removed is not None:
-            self.events |= {e for e in observed if e.objects not in happening}
-        elif event.objects in happening:
+            self.events |= {e for e in observed if (e.kind, e.objects) not in happening}
+        elif (event.kind, event.objects) in happening:
             for i in event.objects:
                 self.events.update([e for e in self.scene.events if i in e.objects][-1:])
         if self.long and removed is None and moving is not None:
             shown = [i for i in event.objects if self.scene.visible[i, last]]
             self.states += [self._motion(i, "moving" if moving[i, last] else "stationary", last) for i in shown]
+        told = [e for e in events if self.long or e.kind == event.kind]
+        told = [e for e in told if self.long or removed is None or (e.kind, e.objects) not in seen]
+        for one in told:
+            self._predicted(one, removed)
+        self._predicted(event, removed, (event.kind, event.objects) not in happening)
+
+    def _predicted(self, event: Event, removed: int | None, negated: bool = False) -> None:
+        """Add that an event happens, or does not happen, after the video or without an object."""
         kind, gone = ("future", None) if removed is None else ("counterfactual", self.name(removed))
-        told = [(e, False) for e in events if self.long or removed is None or e.objects not in seen]
-        for one, negated in (*told, (event, event.objects not in happening)):
-            self.conclusions.append(Statement(kind, negated, events=(self.event(one),), removed=gone))
+        self.conclusions.append(Statement(kind, negated, events=(self.event(event),), removed=gone))
 
     def _motion(self, index: int, state: str, frame: int | None) -> Statement:
         return Statement("motion", objects=(self.name(index),), words=(state,), frame=frame)

@@ -197,7 +197,7 @@ def _document(s: Simulation) -> dict[str, Any]:
         "objects": [asdict(o) for o in s.objects],
         "original_events": [{k: v for k, v in row(e).items() if k != "probability"} for e in s.original_events],
         "events": [row(e) for e in s.events],
-        "possible_collisions": possible,
+        "possible_events": possible,
         "original_location_world": positions(s.original.location_world),
         "location_world": positions(s.changed.location_world),
         "notes": list(s.notes),

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.types import DynamicsPrediction, Event, Scene, UncertainCollision, VideoTracks
-from nsdr.types.events import collisions_in_view, enter_exit_events
+from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, UncertainEvent, VideoTracks
+from nsdr.types.events import collisions_in_view, enter_exit_events, in_order
 from nsdr.world.camera import Camera, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 
@@ -24,6 +24,8 @@ def scene_from_prediction(
 ) -> Scene:
     """Make the scene of a prediction: observed, predicted and counterfactual events, and motion.
 
+    Entrances and exits after the video, and with an object removed, are those of the rollouts.
+
     An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, an object moves when
     it is faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames before the current one and in the frames after it.
     So it is at rest until it is hit, and again as soon as it has stopped.
@@ -40,9 +42,10 @@ def scene_from_prediction(
         speed = prediction.observed.speed_world_per_s[:, :n_frames]
         moving = np.where(np.isnan(speed), moving, np.nan_to_num(speed) > MOVING_SPEED_WORLD_PER_S)
     collisions = prediction.observed.collisions
-    events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
-    predicted = tuple(e for e in collisions if n_frames <= e.frame)
-    counterfactual = {removed: rollout.collisions for removed, rollout in prediction.counterfactual.items()}
+    borders = borders_of(prediction.observed)
+    events = [e for e in borders if e.frame < n_frames] + collisions_in_view(collisions, visible)
+    predicted = tuple(e for e in (*borders, *collisions) if n_frames <= e.frame)
+    counterfactual = {removed: events_of(rollout) for removed, rollout in prediction.counterfactual.items()}
     scores = prediction.observed.predicted_scores
     uncertain = _uncertain(prediction, visible)
     return Scene(
@@ -58,7 +61,21 @@ def scene_from_prediction(
         physics=prediction.physics,
         existence=existence,
         motion_px=None if camera is None else motion_px(prediction.observed.location_world, visible, camera),
+        collisions_only=False,
     )
+
+
+def events_of(rollout: Rollout) -> tuple[Event, ...]:
+    """Entrances, exits and collisions of a rollout, in order of time."""
+    return in_order([*borders_of(rollout), *rollout.collisions])
+
+
+def borders_of(rollout: Rollout) -> list[Event]:
+    """Entrances and exits of a rollout: those of `visible`, but of the uncertain ones those that are more probable than not."""
+    likely = {u.event: u.probability > 0.5 for u in rollout.uncertain or ()}
+    found = enter_exit_events(rollout.visible)
+    added = [e for e, is_likely in likely.items() if is_likely and e.kind != "collision" and e not in found]
+    return [e for e in found if likely.get(e, True)] + added
 
 
 def motion_px(location_world: NDArray[np.floating[Any]], visible: NDArray[np.bool_], camera: Camera) -> NDArray[Any]:
@@ -80,17 +97,17 @@ def motion_px(location_world: NDArray[np.floating[Any]], visible: NDArray[np.boo
     return motion
 
 
-def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tuple[UncertainCollision, ...] | None:
-    """Uncertain collisions of all rollouts; during the video only those in view. None if a rollout does not know its own."""
-    found: list[UncertainCollision] = []
+def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tuple[UncertainEvent, ...] | None:
+    """Uncertain events of all rollouts; collisions of the video only in view. None if a rollout does not know its own."""
+    found: list[UncertainEvent] = []
     for removed, rollout in ((None, prediction.observed), *prediction.counterfactual.items()):
         if rollout.uncertain is None:
             return None
         for one in rollout.uncertain:
             events = [one.event]
-            if removed is None and one.event.frame < prediction.n_frames:
+            if removed is None and one.event.kind == "collision" and one.event.frame < prediction.n_frames:
                 events = collisions_in_view(events, visible)
-            found += [UncertainCollision(event, one.probability, removed) for event in events]
+            found += [UncertainEvent(event, one.probability, removed) for event in events]
     return tuple(found)
 
 

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.base import Explanation
 from nsdr.dynamics.interventions import changed_ids, resolve, with_added
-from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.dynamics.scene import events_of, scene_from_prediction
 from nsdr.errors import DataError
 from nsdr.types import Add, DynamicsPrediction, Event, Move, Remove, Rollout, Scene, SceneObject, Simulation
-from nsdr.types.events import enter_exit_events, in_order
 from nsdr.types.interventions import Intervention
 from nsdr.world.camera import Camera
 
@@ -55,8 +54,8 @@ def simulate(explanation: Explanation, interventions: Sequence[Intervention], fr
         ),
         original,
         changed,
-        _events(original),
-        tuple(e for e in _events(changed) if happens(e, e.objects[0])),
+        events_of(original),
+        tuple(e for e in events_of(changed) if happens(e, e.objects[0])),
         replace(scene, events=tuple(e for e in scene.events if happens(e, kept[e.objects[0]]))),
     )
 
@@ -77,11 +76,6 @@ def _with_absent(rollout: Rollout, extra: int) -> Rollout:
 def padded(values: NDArray[Any], extra: int, value: float | bool) -> NDArray[Any]:
     """Values (n, …) followed by `extra` rows filled with `value`: (n + extra, …)."""
     return np.concatenate([values, np.full((extra, *values.shape[1:]), value, values.dtype)])
-
-
-def _events(rollout: Rollout) -> tuple[Event, ...]:
-    """Entrances, exits and collisions of a rollout in order."""
-    return in_order([*enter_exit_events(rollout.visible), *rollout.collisions])
 
 
 def _scene(

@@ -15,6 +15,8 @@ from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS
 
 START_SYMBOLS = {"descriptive": "DESCRIPTIVE", "multiple_choice": "MULTIPLE", "choice": "CHOICE"}
 """The symbol of each kind of text, in all sets of rules."""
+TOLD = "TOLD"
+"""The symbol of descriptive questions that only the rules read, and that are answered in several lines."""
 TEXT_KINDS = tuple(START_SYMBOLS)
 """The three kinds of text, each with its own network (paper, section 4.3)."""
 WORD_PROBABILITIES = {"color": 0.5, "material": 0.5, "shape": 0.6}

@@ -7,7 +7,7 @@ from nsdr.errors import EndpointError, NsdrError, QuestionError
 from nsdr.io.registry import checked_result
 from nsdr.question_parser.suggestions import QUESTION_KINDS, nearest_questions
 from nsdr.symbolic import Program
-from nsdr.symbolic.program import ProgramSource
+from nsdr.symbolic.program import TOLD_KINDS, ProgramSource
 from nsdr.types import Scene
 
 
@@ -86,7 +86,8 @@ def read_programs(
         found = _parsed(parser, question, "multiple_choice" if choices or choice_programs else "descriptive", scene)
         if isinstance(found, QuestionError) and choices:
             candidates_for = _parsed(parser, question, "descriptive", scene)
-            found = found if isinstance(candidates_for, QuestionError) else candidates_for
+            if isinstance(candidates_for, Program) and candidates_for.result not in TOLD_KINDS:
+                found = candidates_for
         if isinstance(found, QuestionError):
             raise found
         parsed = found

@@ -12,7 +12,7 @@ from nsdr.errors import NsdrError, ProgramError, QuestionError
 from nsdr.io.limits import check_limit
 from nsdr.language.normal import normal_form
 from nsdr.language.rules import load_rules
-from nsdr.language.texts import START_SYMBOLS, TEXT_KINDS, english, in_words
+from nsdr.language.texts import START_SYMBOLS, TEXT_KINDS, TOLD, english, in_words
 from nsdr.language.words import rewritten
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.contents import content_readings
@@ -108,7 +108,8 @@ def check_text(text: str, kind: str) -> None:
 
 def readings(text: str, kind: str) -> list[list[str]]:
     """The programs of a text as a "descriptive" or "multiple_choice" question or as a "choice"; unknown words are left out."""
-    return english().read(START_SYMBOLS[kind], normal_form(text).words)
+    words, symbols = normal_form(text).words, [START_SYMBOLS[kind], *([TOLD] if kind == "descriptive" else [])]
+    return [program for symbol in symbols for program in english().read(symbol, words)]
 
 
 def extension_readings(text: str, kind: str, symbols: Mapping[str, str] = EXTENSION_SYMBOLS) -> list[list[str]]:

@@ -19,5 +19,5 @@ __all__ = [
     "format_tree",
 ]
 
-VERSION = 4
+VERSION = 5
 """Of the answers of programs: raised when they change."""

@@ -13,6 +13,7 @@ from nsdr.symbolic.modules import EXTENSIONS, Kind, as_set
 from nsdr.symbolic.probabilities import PossibleScenes, first_of_two, simulated
 from nsdr.symbolic.program import SAID_KINDS, Program, ProgramSource, Step
 from nsdr.symbolic.quantities import Simulate
+from nsdr.symbolic.telling import event_lines, lines_without
 from nsdr.symbolic.world import Boundary, World
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.world.vocabulary import SPEED_UNIT
@@ -21,7 +22,7 @@ PREDICTIVE = ("unseen_events", "belong_to")
 """Program of every predictive question."""
 OF_OBJECTS, OF_EVENTS = (Kind.OBJECTS, Kind.OBJECT), (Kind.EVENTS, Kind.EVENT)
 """Types of values that hold objects, and of those that hold events."""
-SIMULATED = frozenset({"unseen_events", "get_counterfact"})
+SIMULATED = frozenset({"unseen_events", "get_counterfact", "counterfact_events"})
 """Modules whose events are simulated."""
 Found = TypeVar("Found")
 
@@ -33,7 +34,7 @@ class Executor:
 
     Args:
         scene: the scene.
-        simulate: gives the collisions with an object changed, for questions beyond CLEVRER such as "what if the cube were twice
+        simulate: gives the events with an object changed, for questions beyond CLEVRER such as "what if the cube were twice
             as heavy" (`nsdr.symbolic.quantities`). With None, such questions are refused.
         data_set_rules: whether to use what is known about CLEVRER's questions and not from the video, as evaluations of the
             data set do. There is one such rule: exactly one of the two choices of a predictive question is correct. If both
@@ -78,7 +79,7 @@ class Executor:
                 instead. If none says the answer, a note says so.
 
         Returns:
-            The answer (yes, no, a number, an attribute word, a frame, or a list of events) with its trace.
+            The answer (yes, no, a number, an attribute word, a frame, a list of events or a description) with its trace.
 
         Raises:
             ProgramError: the program is not well-formed, or does not give an answer.
@@ -91,8 +92,7 @@ class Executor:
             )
         values = self._supposing(lambda e: e._values(parsed.steps))
         trace = self._trace(parsed.steps, values)
-        is_list = parsed.result == Kind.EVENTS
-        said: int | str = "\n".join(self.world.sentences(values[-1])) or "none" if is_list else trace[-1].text
+        said: int | str = self._told(parsed.steps, values) if parsed.result == Kind.EVENTS else trace[-1].text
         said = values[-1] if parsed.result == Kind.NUMBER else said
         probability = self._probability(parsed, self._said(parsed.result, values[-1]))
         answer = Answer(question, parsed.tokens, said, trace, (), probability)
@@ -223,6 +223,13 @@ class Executor:
             return None
         share = self._possible_scenes.share(lambda e: e._said(program.result, e._values(program.steps)[-1]), answer)
         return share if share is None or SIMULATED.isdisjoint(tokens) else simulated(share)
+
+    def _told(self, steps: Sequence[Step], values: Sequence[Any]) -> str:
+        """The events that a program gives, each in a line."""
+        last, events = steps[-1], values[-1]
+        if last.token == "counterfact_events":
+            return "\n".join(lines_without(self.scene, values[last.inputs[0]], events)) or "none"
+        return "\n".join(event_lines(self.scene, events)) or "none"
 
     def _said(self, kind: Kind, value: Any) -> Any:
         """An answer in words; for a list of events their kinds and the names of their objects, whatever their frames."""

@@ -4,7 +4,7 @@ Parsing, type checking, dispatch, the question parser's vocabulary and the docum
 plain (`nsdr.symbolic.world`). Types are checked before a program runs, so values carry no type.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import product
@@ -35,6 +35,7 @@ class Kind(StrEnum):
     SPEED = "speed"
     NAME = "name"
     CHANGE = "change"
+    DESCRIPTION = "description"
     UNKNOWN = "unknown"
 
 
@@ -84,7 +85,7 @@ def as_set(who: Objects | int) -> Objects:
     return who if isinstance(who, tuple) else (who,)
 
 
-ONLY_COLLISIONS = "is not known: after the video, and with an object removed or changed, only collisions are"
+ONLY_COLLISIONS = "is not known in this scene: after the video, and with an object removed, only collisions are"
 
 
 def _filtered(events: Events, fits: Callable[[Event], bool]) -> Events:
@@ -139,25 +140,29 @@ def _get_object(world: World, event: Event) -> int:
     return event.objects[0]
 
 
-def _like_any(events: Events, others: Iterable[Event]) -> Events:
-    """Those of the events that are of the same kind and objects as one of the others, at any frame."""
+def _like_any(events: Events, others: Events) -> Events:
+    """Those of the events that are of the same kind and objects as one of the others, at any frame.
+
+    They are `Collisions` if the others are.
+    """
     found = {(e.kind, e.objects) for e in others}
-    return tuple([e for e in events if (e.kind, e.objects) in found])
+    like = [e for e in events if (e.kind, e.objects) in found]
+    return Collisions(like) if isinstance(others, Collisions) else tuple(like)
 
 
-def _changed(world: World, events: Events, one: int, change: str) -> Collisions:
-    return Collisions(_like_any(events, world.quantities.collisions_with(one, change)))
+def _changed(world: World, events: Events, one: int, change: str) -> Events:
+    return _like_any(events, world.quantities.events_with(one, change))
 
 
-def _without(world: World, events: Events, one: int) -> Collisions:
-    return Collisions(_like_any(events, world.collisions_without(one)))
+def _without(world: World, events: Events, one: int) -> Events:
+    return _like_any(events, world.events_without(one))
 
 
 def _belongs(world: World, one: Event | int, events: Events) -> bool:
     if isinstance(one, Event):
         if isinstance(events, Collisions) and one.kind != "collision":
             raise ExecutionError(f"whether the {world.event_text([one])} {ONLY_COLLISIONS}")
-        return bool(_like_any(events, [one]))
+        return bool(_like_any((one,), events))
     targets = [events.target] if isinstance(events, Causes) else []
     return any(one in e.objects for e in (*events, *targets))
 
@@ -192,7 +197,7 @@ _TABLE = [
     Module("get_frame", (_EVENT,), Kind.FRAME, lambda w, event: w.frame_of(event), "frame of an event"),
     Module("get_object", (_EVENT,), Kind.OBJECT, _get_object, "object of an entrance or exit"),
     Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda w, one, frame: w.quantities.direction(one, frame), "direction in which an object moves: left, right, towards or away from the camera; in the released executor left, right, up or down", False),
-    Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: _without(w, w.possible, one), "collisions that happen without an object", False),
+    Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: w.events_without(one), "events without an object, of the video and after it", False),
     Module("filter_color", (_OBJECTS, _COLOR), Kind.OBJECTS, _with("color"), "objects of a colour"),
     Module("filter_material", (_OBJECTS, _MATERIAL), Kind.OBJECTS, _with("material"), "objects of a material"),
     Module("filter_shape", (_OBJECTS, _SHAPE), Kind.OBJECTS, _with("shape"), "objects of a shape"),
@@ -208,6 +213,7 @@ _TABLE = [
     Module("get_col_partner", (_EVENT, _OBJECT), Kind.OBJECT, _partner, "other object of a collision"),
     Module("get_counterfact", (_EVENTS, _OBJECT), Kind.EVENTS, _without, "those of the events that happen without an object"),
     Module("belong_to", ((Kind.EVENT, Kind.OBJECT), _EVENTS), Kind.BOOLEAN, _belongs, "whether an event (by kind and objects) is among the events, or an object takes part in one of them"),
+    Module("describe", (_OBJECTS, _EVENTS), Kind.DESCRIPTION, lambda w, objects, events: w.description(objects, events), "objects and events in words", **_BEYOND),
     Module("query_speed", (_OBJECT, _FRAME), Kind.SPEED, lambda w, one, frame: w.quantities.speed(one, frame), "speed of an object at a frame (world units per second)", **_BEYOND),
     Module("query_image_direction", (_OBJECT,), Kind.DIRECTION, lambda w, one: w.quantities.image_direction(one), "where an object moves in the image over the whole video, such as \"up and to the left\"; or \"stationary\"", **_BEYOND),
     Module("query_name", (_OBJECT,), Kind.NAME, lambda w, one: w.object(one).name, "color, material and shape of an object", **_BEYOND),

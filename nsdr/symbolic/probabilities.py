@@ -5,10 +5,10 @@ collision, so "How many collisions happen?" is answered by 1, which is right wit
 
     >>> import numpy as np
     >>> from nsdr.symbolic import Executor
-    >>> from nsdr.types import Event, Scene, SceneObject, UncertainCollision
+    >>> from nsdr.types import Event, Scene, SceneObject, UncertainEvent
     >>> objects = (SceneObject(0, "red", "metal", "cube"), SceneObject(1, "blue", "rubber", "sphere"))
     >>> seen, hit = np.ones((2, 128), bool), Event("collision", 40, (0, 1))
-    >>> scene = Scene(objects, 128, seen, seen, (hit,), uncertain=(UncertainCollision(hit, 0.75),))
+    >>> scene = Scene(objects, 128, seen, seen, (hit,), uncertain=(UncertainEvent(hit, 0.75),))
     >>> count = Executor(scene).answer("events objects filter_collision count")
     >>> count.answer, count.probability
     (1, 0.75)
@@ -17,7 +17,7 @@ If the probability is 0.25, the collision is not among the scene's events. But "
 the red cube?" supposes that there is one. It is answered in the most probable scene in which the program runs, and the
 probability is the share of such scenes that give the same answer:
 
-    >>> scene = Scene(objects, 128, seen, seen, (), uncertain=(UncertainCollision(hit, 0.25),))
+    >>> scene = Scene(objects, 128, seen, seen, (), uncertain=(UncertainEvent(hit, 0.25),))
     >>> Executor(scene).answer("events objects filter_collision count").probability
     0.75
     >>> red = "objects red filter_color unique"

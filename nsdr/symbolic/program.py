@@ -31,8 +31,10 @@ ANSWER_KINDS = (
     *(Kind.DIRECTION, Kind.SPEED, Kind.NAME),
 )
 """Result types that are words, numbers or truth values."""
-SAID_KINDS = (*ANSWER_KINDS, Kind.FRAME, Kind.EVENTS)
+SAID_KINDS = (*ANSWER_KINDS, Kind.FRAME, Kind.EVENTS, Kind.DESCRIPTION)
 """Result types of programs of descriptive questions."""
+TOLD_KINDS = (Kind.EVENTS, Kind.DESCRIPTION)
+"""Those of them whose answers have several lines."""
 CHOICE_KINDS = (Kind.EVENT, Kind.OBJECT)
 """Result types of programs of choices."""
 

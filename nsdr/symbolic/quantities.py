@@ -18,7 +18,7 @@ from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, SAME_EVENT_FR
 from nsdr.world.vocabulary import DIRECTIONS, STATIONARY
 
 Simulate = Callable[[Intervention, int], Sequence[Event]]
-"""(intervention, frame) -> collisions of the video, and after it, with this intervention at this frame.
+"""(intervention, frame) -> events of the video, and after it, with this intervention at this frame.
 
 Raises `DataError` if the intervention is impossible."""
 Extreme = Callable[..., int]
@@ -52,7 +52,7 @@ class Quantities:
 
     def __init__(self, scene: Scene, simulate: Simulate | None = None) -> None:
         self._scene, self._simulate = scene, simulate
-        self._changed: dict[tuple[int, str], Sequence[Event]] = {}
+        self._changed: dict[tuple[int, str], tuple[Event, ...]] = {}
 
     def speed(self, i: int, frame: int | None) -> float:
         """Speed of an object at a frame (world units/s)."""
@@ -133,13 +133,13 @@ class Quantities:
                 self._mass_difference(found, i)
         return (found,)
 
-    def collisions_with(self, i: int, change: str) -> Sequence[Event]:
-        """The collisions of the video, and after it, with an object changed (see `CHANGES`)."""
+    def events_with(self, i: int, change: str) -> tuple[Event, ...]:
+        """The events of the video, and after it, with an object changed (see `CHANGES`)."""
         if (i, change) not in self._changed:
             self._changed[i, change] = self._simulated(i, CHANGES[change](i))
         return self._changed[i, change]
 
-    def _simulated(self, i: int, intervention: Intervention) -> Sequence[Event]:
+    def _simulated(self, i: int, intervention: Intervention) -> tuple[Event, ...]:
         if self._simulate is None:
             text = intervention_text(intervention).replace(f"object {i}", f"the {self._name(i)}")
             raise ExecutionError(
@@ -151,7 +151,7 @@ class Quantities:
                 raise ExecutionError(f"the {self._name(i)} is never visible, so its speed cannot be changed")
             start = int(np.argmax(self._scene.visible[i]))
         try:
-            return self._simulate(intervention, start)
+            return tuple(self._simulate(intervention, start))
         except DataError as e:
             raise ExecutionError(str(e)) from e
 

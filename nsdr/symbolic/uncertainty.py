@@ -1,4 +1,4 @@
-"""Scenes that are possible as far as a scene is known: collisions, objects, frames of events and motion may be uncertain."""
+"""Scenes that are possible as far as a scene is known: events, objects, frames of events and motion may be uncertain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.types import Event, Scene, UncertainCollision
+from nsdr.types import Event, Scene, UncertainEvent
 from nsdr.types.events import collisions_in_view, enter_exit_events
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 
@@ -28,13 +28,13 @@ class _Draw:
     """One way in which everything uncertain turns out.
 
     Attributes:
-        happens: whether each uncertain collision does.
+        happens: whether each uncertain event does.
         exists: whether each object is there, by its id; those that are not listed are.
         frames_off: how many frames later each event of the video is.
         speed_error: of each object whose motion is uncertain, in standard deviations, by its id.
     """
 
-    happens: dict[UncertainCollision, bool] = field(default_factory=dict)
+    happens: dict[UncertainEvent, bool] = field(default_factory=dict)
     exists: dict[int, bool] = field(default_factory=dict)
     frames_off: dict[Event, int] = field(default_factory=dict)
     speed_error: dict[int, float] = field(default_factory=dict)
@@ -56,15 +56,17 @@ def possible_scenes(scene: Scene, collisions_only: bool = False) -> list[tuple[i
     hypercube sampling), so that what depends on it alone is off by at most half a draw.
 
     Args:
-        scene: with uncertain collisions. Where it says how probable its objects are, it was perceived: then these, the frames
+        scene: with uncertain events. Where it says how probable its objects are, it was perceived: then these, the frames
             of its events, and which slow objects move, are uncertain, too.
         collisions_only: take all but the collisions as certain.
     """
-    uncertain = [
+    happens = [
         _Uncertain("happens", u, (True, False), (u.probability, 1 - u.probability)) for u in scene.uncertain or ()
     ]
-    if scene.existence is not None and not collisions_only:
-        uncertain += _perceived(scene, scene.existence)
+    uncertain = [one for one in happens if one.key.event.kind == "collision"]
+    if not collisions_only:
+        uncertain += [] if scene.existence is None else _perceived(scene, scene.existence)
+        uncertain += [one for one in happens if one.key.event.kind != "collision"]
     order = np.random.default_rng(SEED).permuted(np.tile(np.arange(N_DRAWS), (len(uncertain), 1)), axis=1)
     chosen = np.zeros((len(uncertain), N_DRAWS), int)
     for row, one, ranks in zip(chosen, uncertain, order, strict=True):
@@ -101,7 +103,7 @@ def _speeds(scene: Scene) -> tuple[NDArray[Any], float]:
 
 def _drawn(scene: Scene, draw: _Draw) -> Scene:
     """The scene as everything turns out."""
-    uncertain = {(u.removed, u.event) for u in scene.uncertain or ()}
+    uncertain = {(u.removed, u.event) for u in draw.happens}
     happening = [(u.removed, u.event) for u, happens in draw.happens.items() if happens]
 
     def events(of: Sequence[Event], removed: int | None, first: int = 0, end: float = np.inf) -> tuple[Event, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
 from nsdr.symbolic.quantities import Quantities, Simulate
+from nsdr.symbolic.telling import description
 from nsdr.types import Event, Scene, SceneObject
 from nsdr.types.events import event_sentence
 
@@ -45,7 +46,7 @@ class Causes(tuple[Event, ...]):
 
 
 class Collisions(tuple[Event, ...]):
-    """Events after the video, or with an object removed or changed, of which only the collisions are known."""
+    """Events after the video, or with an object removed, of which only the collisions are known."""
 
 
 class World:
@@ -78,18 +79,21 @@ class World:
         return tuple(pairs + [Event(kind, -1, (i,)) for kind in ("in", "out") for i in self.all_objects])
 
     @property
-    def unseen_events(self) -> Collisions:
+    def unseen_events(self) -> Events:
         """Events after the video."""
         if self._scene.predicted is None:
             raise ExecutionError("events after the video are not known in this scene")
-        return Collisions(self._scene.predicted)
+        return self._as_known(self._scene.predicted)
 
-    def collisions_without(self, removed: int) -> Events:
-        """Collisions that happen without an object."""
+    def events_without(self, removed: int) -> Events:
+        """Events of the video, and after it, without an object."""
         known = self._scene.counterfactual
         if known is None or removed not in known:
             raise ExecutionError(f"events without {self._names[removed]} are not known in this scene")
-        return known[removed]
+        return self._as_known(known[removed])
+
+    def _as_known(self, events: Events) -> Events:
+        return Collisions(events) if self._scene.collisions_only else events
 
     def object(self, one: int) -> SceneObject:
         """The object with an id."""
@@ -145,3 +149,7 @@ class World:
         names, n_frames = [f"the {name}" for name in self._names], self._scene.n_frames
         texts = [(e, event_sentence(e, names)) for e in events]
         return tuple(t if e.frame < n_frames else t.replace("(frame", "(about frame") for e, t in texts)
+
+    def description(self, objects: Sequence[int], events: Sequence[Event]) -> str:
+        """Objects in one line, and events in one line each."""
+        return description(self._scene, objects, events)

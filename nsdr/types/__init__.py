@@ -13,7 +13,7 @@ from nsdr.types.answers import Answer, ChoiceAnswer, TraceStep
 from nsdr.types.events import Event
 from nsdr.types.interventions import Add, Freeze, Move, Remove, SetMass, SetVelocity
 from nsdr.types.judgements import LAWS, Judgement, Violation
-from nsdr.types.scenes import DynamicsPrediction, ObjectPhysics, Rollout, Scene, UncertainCollision
+from nsdr.types.scenes import DynamicsPrediction, ObjectPhysics, Rollout, Scene, UncertainEvent
 from nsdr.types.simulations import EventChange, Simulation
 from nsdr.types.tracks import Camera, SceneObject, Track, VideoProposals, VideoTracks
 
@@ -39,7 +39,7 @@ __all__ = [
     "Simulation",
     "TraceStep",
     "Track",
-    "UncertainCollision",
+    "UncertainEvent",
     "VideoProposals",
     "VideoTracks",
     "Violation",

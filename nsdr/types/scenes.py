@@ -24,11 +24,11 @@ from nsdr.validation import (
 
 
 @dataclass(frozen=True)
-class UncertainCollision(Checked):
-    """A collision that is neither certain nor ruled out.
+class UncertainEvent(Checked):
+    """An event that is neither certain nor ruled out: a collision, or an entrance or exit that is simulated.
 
     Attributes:
-        event: the collision, which is in the lists of its scene or rollout only if it is more probable than not.
+        event: the event, which is in the lists of its scene only if it is more probable than not.
         probability: that it happens, in 0-1.
         removed: id of the object without which it would happen; None for the video and what follows it.
     """
@@ -39,8 +39,7 @@ class UncertainCollision(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        fits = self.event.kind == "collision" and self.event.frame >= 0
-        expect(fits, "UncertainCollision.event", "a collision at a frame", self.event)
+        expect(self.event.frame >= 0, "UncertainEvent.event", "an event at a frame", self.event)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,7 +52,7 @@ class Rollout(ArrayHolder):
         collisions: collision events in order of time.
         predicted_scores: (n_objects, n_objects) float in 0-1, symmetric: probability of a collision after the video, or None.
         speed_world_per_s: (n_objects, F) float, speed on the ground (world units/s), NaN or None where it is not known.
-        uncertain: collisions of this rollout that are uncertain; None where nothing is known about that.
+        uncertain: events of this rollout that are uncertain; None where nothing is known about that.
         yaw: (n_objects, F) float, rotation about the vertical axis (radians); None where it is not known.
     """
 
@@ -62,15 +61,17 @@ class Rollout(ArrayHolder):
     collisions: tuple[Event, ...]
     predicted_scores: Annotated[FloatArray, Array("n", "n", low=0, high=1)] | None = None
     speed_world_per_s: Annotated[FloatArray, Array("n", "F", low=0, nan=True)] | None = None
-    uncertain: tuple[UncertainCollision, ...] | None = None
+    uncertain: tuple[UncertainEvent, ...] | None = None
     yaw: Annotated[FloatArray, Array("n", "F")] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         n = len(self.visible)
-        for event in (*self.collisions, *(d.event for d in self.uncertain or ())):
+        for event in self.collisions:
             fits = event.kind == "collision" and event.objects[1] < n and event.frame >= 0
             expect(fits, "Rollout.collisions", f"collisions of two of the {n} objects at a frame", event)
+        for event in (d.event for d in self.uncertain or ()):
+            expect(event.objects[-1] < n, "Rollout.uncertain", f"events of the {n} objects", event)
 
 
 def yaws(rollout: Rollout) -> FloatArray:
@@ -141,12 +142,12 @@ class Scene(ArrayHolder):
         visible: (n_objects, n_frames) bool, whether the object is in the image.
         moving: (n_objects, n_frames) bool, whether the object moves; None where motion is not known.
         events: observed events (enter, exit, collision) in order of time.
-        predicted: collisions after the video; None where they are not known.
-        counterfactual: collisions with one object removed, by that object's id; None where they are not known.
+        predicted: events after the video; None where they are not known.
+        counterfactual: events with one object removed, by that object's id; None where they are not known.
         predicted_scores: (n_objects, n_objects) float, as in `Rollout`; None for ground-truth scenes.
         dynamics: the trajectories that the scene was made from, which pictures show; None where they were not kept.
-        uncertain: collisions that are uncertain: observed, predicted (those after the video) and counterfactual ones; None
-            where nothing is known about that.
+        uncertain: events that are uncertain: observed collisions, events after the video, and counterfactual ones; None where
+            nothing is known about that.
         physics: velocities and masses, for questions beyond CLEVRER; None where they are not known.
         existence: (n_objects,) float, how probable it is that each object is there, in a scene that was perceived: one whose
             events may be a frame off. None for true scenes.
@@ -154,6 +155,8 @@ class Scene(ArrayHolder):
             last, to the right and down (pixels); NaN for an object that is never visible; None where it is not known.
         notes: what a user should know about the video and how it was perceived, one sentence each. Answers about the scene
             carry them, too.
+        collisions_only: whether `unseen` and `counterfactual` hold collisions only, as CLEVRER's questions need, so that
+            entrances and exits after the video or with an object removed are not known.
     """
 
     objects: tuple[SceneObject, ...]
@@ -165,11 +168,12 @@ class Scene(ArrayHolder):
     counterfactual: Mapping[Count, tuple[Event, ...]] | None = None
     predicted_scores: Annotated[FloatArray, Array("objects", "objects", low=0, high=1)] | None = None
     dynamics: DynamicsPrediction | None = None
-    uncertain: tuple[UncertainCollision, ...] | None = None
+    uncertain: tuple[UncertainEvent, ...] | None = None
     physics: ObjectPhysics | None = None
     existence: Annotated[FloatArray, Array("objects", low=0, high=1)] | None = None
     motion_px: Annotated[FloatArray, Array("objects", 2, nan=True)] | None = None
     notes: tuple[str, ...] = ()
+    collisions_only: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -192,7 +196,8 @@ class Scene(ArrayHolder):
         if self.predicted is not None:
             object.__setattr__(self, "predicted", in_order(self.predicted))
         if self.counterfactual is not None:
-            object.__setattr__(self, "counterfactual", MappingProxyType(dict(counterfactual)))
+            in_time = {removed: in_order(events) for removed, events in counterfactual.items()}
+            object.__setattr__(self, "counterfactual", MappingProxyType(in_time))
 
     def describe(self, event: Event) -> str:
         """An event with the names of its objects, such as "red metal cube enters (frame 12)"."""

@@ -1,6 +1,6 @@
 """The result of interventions: the changed motion beside the original one."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from nsdr.types.arrays import ArrayHolder
@@ -75,14 +75,14 @@ class Simulation(ArrayHolder):
 
     @property
     def probabilities(self) -> Mapping[Event, float] | None:
-        """How probable each collision of the changed world is, also of those that count as ruled out but are possible.
+        """How probable each event of the changed world is, also of those that count as ruled out but are possible.
 
-        Collisions that happen for sure have 1. None where the backend knows no probabilities.
+        Events that happen for sure have 1. None where the backend knows no probabilities.
         """
         uncertain = self.changed.uncertain
         if uncertain is None:
             return None
-        sure = dict.fromkeys(self.changed.collisions, 1.0)
+        sure = dict.fromkeys(self.events, 1.0)
         return sure | {u.event: u.probability for u in uncertain}
 
     def differences(self) -> tuple[EventChange, ...]:
@@ -90,27 +90,48 @@ class Simulation(ArrayHolder):
 
         Several events of the same kind and objects are compared in order of time.
         """
-        before, after = _by_kind(self.original_events), _by_kind(self.events)
-        changes = []
-        for key in before.keys() | after.keys():
-            old, new = before.get(key, []), after.get(key, [])
-            for a, b in zip(old, new, strict=False):
-                if abs(a.frame - b.frame) > SAME_EVENT_FRAMES:
-                    changes.append(EventChange("other frame", b, a.frame, self._probability(b)))
-            changes += [EventChange("no longer", e, e.frame, self._probability(e)) for e in old[len(new) :]]
-            changes += [EventChange("new", e, None, self._probability(e)) for e in new[len(old) :]]
-        return tuple(sorted(changes, key=lambda c: (c.event.frame, c.event.kind, c.event.objects)))
+        changes = [
+            EventChange(kind, event, before, self._probability(event))
+            for kind, event, before in compared(self.original_events, self.events)
+            if kind != "still"
+        ]
+        return tuple(changes)
 
     def _probability(self, event: Event) -> float | None:
-        """That an event like this happens in the changed world; entrances and exits have none."""
+        """That an event like this happens in the changed world."""
         known = self.probabilities
-        if known is None or event.kind != "collision":
+        if known is None:
             return None
-        later = [p for e, p in known.items() if e.objects == event.objects and e.frame >= self.from_frame]
+        like = {e: p for e, p in known.items() if (e.kind, e.objects) == (event.kind, event.objects)}
+        later = [p for e, p in like.items() if e.frame >= self.from_frame]
         return known.get(event, later[-1] if later else 0.0)
 
 
-def _by_kind(events: tuple[Event, ...]) -> dict[tuple[str, tuple[int, ...]], list[Event]]:
+def compared(original: Iterable[Event], changed: Iterable[Event]) -> list[tuple[str, Event, int | None]]:
+    """Events of two worlds, in order of their frames, with how they differ.
+
+    Several events of the same kind and objects are compared in order of time.
+
+    Args:
+        original: events of one world, in order of time.
+        changed: events of the other.
+
+    Returns:
+        (kind, event, frame in the original world or None): "still" and "other frame" (more than 3 frames apart), "new", each
+        with the event of the changed world, and "no longer" with that of the original.
+    """
+    before, after = _by_kind(original), _by_kind(changed)
+    found: list[tuple[str, Event, int | None]] = []
+    for key in before.keys() | after.keys():
+        old, new = before.get(key, []), after.get(key, [])
+        for a, b in zip(old, new, strict=False):
+            found.append(("still" if abs(a.frame - b.frame) <= SAME_EVENT_FRAMES else "other frame", b, a.frame))
+        found += [("no longer", e, e.frame) for e in old[len(new) :]]
+        found += [("new", e, None) for e in new[len(old) :]]
+    return sorted(found, key=lambda row: (row[1].frame, row[1].kind, row[1].objects))
+
+
+def _by_kind(events: Iterable[Event]) -> dict[tuple[str, tuple[int, ...]], list[Event]]:
     found: dict[tuple[str, tuple[int, ...]], list[Event]] = {}
     for event in events:
         found.setdefault((event.kind, event.objects), []).append(event)

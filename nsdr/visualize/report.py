@@ -109,6 +109,6 @@ def _removed_objects(answers: Sequence[Answer]) -> set[int]:
     removed = set()
     for trace in traces:
         for step in trace:
-            if step.module == "get_counterfact":
-                removed |= set(trace[step.inputs[1]].objects)
+            if step.module in ("get_counterfact", "counterfact_events"):
+                removed |= set(trace[step.inputs[-1]].objects)
     return removed

@@ -99,7 +99,7 @@ FIELDS: dict[str, list[Field]] = {
 
 def _uncertain(probability: object = 0.5, removed: object = None, frame: int = 30) -> dict[str, Any]:
     event = {"type": "Event", "kind": "collision", "frame": frame, "objects": [0, 1]}
-    return {"type": "UncertainCollision", "event": event, "probability": probability, "removed": removed}
+    return {"type": "UncertainEvent", "event": event, "probability": probability, "removed": removed}
 
 
 CHANGES: dict[str, dict[str, Change]] = {

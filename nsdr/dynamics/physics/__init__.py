@@ -1,4 +1,4 @@
 """The physics backend: a planar simulator, its fit to tracks, and the search for the collisions that explain the tracks."""
 
-VERSION = 6
+VERSION = 7
 """Version of the predictions of this backend. It is raised when they change."""

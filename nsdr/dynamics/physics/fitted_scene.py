@@ -16,6 +16,7 @@ from nsdr.dynamics.physics.body_state import POSITION, STATE_SIZE, VELOCITY, YAW
 from nsdr.dynamics.physics.changed_bodies import ChangedBodies, change_bodies
 from nsdr.dynamics.physics.collision_search import FoundCollisions
 from nsdr.dynamics.physics.config import PhysicsConfig
+from nsdr.dynamics.physics.simulated_view import as_observed, uncertain_borders, visible_in_runs
 from nsdr.dynamics.physics.simulator import (
     NO_CONTACT,
     BodyStates,
@@ -25,8 +26,8 @@ from nsdr.dynamics.physics.simulator import (
     simulate,
 )
 from nsdr.dynamics.simulation import padded
-from nsdr.dynamics.track_smoothing import SmoothedTracks, rollout_in_image, with_smoothed_tracks
-from nsdr.types import Event, ObjectPhysics, Rollout, UncertainCollision
+from nsdr.dynamics.track_smoothing import SmoothedTracks, with_smoothed_tracks
+from nsdr.types import Event, ObjectPhysics, Rollout, SceneObject, UncertainEvent
 from nsdr.types.interventions import Intervention
 from nsdr.validation import BoolArray, FloatArray, IntArray
 from nsdr.world.physics_constants import (
@@ -38,7 +39,7 @@ from nsdr.world.physics_constants import (
 )
 
 MIN_PROBABILITY = 0.005
-"""A collision that is less probable than this is ruled out, and one that is more probable than 1 - this is certain."""
+"""An event that is less probable than this is ruled out, and one that is more probable than 1 - this is certain."""
 DEGREES_OF_FREEDOM = 4
 """Degrees of freedom of Student's t distribution, from which errors are drawn, as a few errors are much larger than the others.
 Set, like `MAX_POSITION_ERROR_WORLD`, `MAX_VELOCITY_ERROR_WORLD_PER_S` and the noise in `PhysicsConfig`, on truncated real
@@ -88,7 +89,7 @@ class FittedScene(Explanation):
         state = self._state_errors(place, velocity, noise[:, 5 * n :, None])
         self.perturbations = Perturbations(state, np.exp(mass_noise * noise[:, :n]))
         self.uncertain = [
-            UncertainCollision(event, p) for event, p in found.candidates if MIN_PROBABILITY <= p <= 1 - MIN_PROBABILITY
+            UncertainEvent(event, p) for event, p in found.candidates if MIN_PROBABILITY <= p <= 1 - MIN_PROBABILITY
         ]
 
     def _state_errors(self, place: FloatArray, velocity: FloatArray, yaw: FloatArray) -> FloatArray:
@@ -147,6 +148,7 @@ class FittedScene(Explanation):
             if event.objects not in pairs
         ]
         collisions, uncertain = self._split(later)
+        visible = self._visible(run, every, ~every, 0, self.objects)
         gap = position[:, self.n_frames - 1 :]
         gap = np.linalg.norm(gap[:, None] - gap[None], axis=-1).min(-1) - 2 * OBJECT_RADIUS_WORLD
         scores = (len(frames) * share + np.exp(-np.maximum(gap, 0) / CLOSENESS_WORLD)) / (len(frames) + 1)
@@ -154,10 +156,10 @@ class FittedScene(Explanation):
             scores[pair] = scores[pair[::-1]] = 0.0
         rollout = Rollout(
             position,
-            self._visible(run, every, np.zeros(n, bool), 0),
+            visible[0],
             tuple(sorted([*self.collisions, *collisions], key=lambda e: e.frame)),
             scores,
-            uncertain=(*self.uncertain, *uncertain),
+            uncertain=(*self.uncertain, *uncertain, *uncertain_borders(visible, self.n_frames, MIN_PROBABILITY)),
             yaw=run.states[..., YAW],
         )
         return with_smoothed_tracks(rollout, self.smoothed)
@@ -190,25 +192,27 @@ class FittedScene(Explanation):
         location[~changed.exists] = np.nan
         location[:, :from_frame] = padded(self.motion[:, :from_frame, POSITION], extra, np.nan)
         observed_speed = padded(np.linalg.norm(self.smoothed.velocity_world_per_s, axis=-1), extra, np.nan)
-        as_observed = _as_observed(run, changed.simulated, from_frame)[:, : self.n_frames]
-        speed[:, : self.n_frames] = np.where(as_observed, observed_speed, speed[:, : self.n_frames])
+        follows = as_observed(run, changed.simulated, from_frame)[0, :, : self.n_frames]
+        speed[:, : self.n_frames] = np.where(follows, observed_speed, speed[:, : self.n_frames])
         yaw = run.states[..., YAW].copy()
         yaw[:, :from_frame] = padded(self.motion[:, :from_frame, YAW], extra, 0.0)
-        shapes = [o.shape for o in with_added(self.objects, changes)]
+        objects = with_added(self.objects, changes)
+        visible = self._visible(run, changed.exists, changed.simulated, from_frame, objects)
+        earlier = [one for one in self.uncertain if _is_earlier(one.event, from_frame, changed.exists)]
         return Rollout(
             location,
-            self._visible(run, changed.exists, changed.simulated, from_frame, shapes),
+            visible[0],
             tuple(sorted([*self._earlier(from_frame, changed.exists), *collisions], key=lambda e: e.frame)),
             None,
             speed,
-            (*(one for one in self.uncertain if _is_earlier(one.event, from_frame, changed.exists)), *uncertain),
+            (*earlier, *uncertain, *uncertain_borders(visible, from_frame + 1, MIN_PROBABILITY)),
             yaw,
         )
 
-    def _split(self, found: list[tuple[Event, float]]) -> tuple[list[Event], list[UncertainCollision]]:
+    def _split(self, found: list[tuple[Event, float]]) -> tuple[list[Event], list[UncertainEvent]]:
         """From possible collisions and their probabilities: the collisions that count, and those that are not certain."""
         collisions = [event for event, p in found if p > self.config.collision_threshold]
-        return collisions, [UncertainCollision(event, p) for event, p in found if p <= 1 - MIN_PROBABILITY]
+        return collisions, [UncertainEvent(event, p) for event, p in found if p <= 1 - MIN_PROBABILITY]
 
     def _earlier(self, from_frame: int, exists: BoolArray) -> list[Event]:
         """Collisions of the video that interventions at a frame cannot change (see `_is_earlier`)."""
@@ -317,16 +321,11 @@ class FittedScene(Explanation):
         exists: BoolArray,
         simulated: BoolArray,
         from_frame: int,
-        shapes: list[str] | None = None,
+        objects: Sequence[SceneObject],
     ) -> BoolArray:
-        """(n, F) bool, whether each object is in the image: as observed while it moves as observed, then as simulated."""
-        shapes = shapes or [o.shape for o in self.objects]
-        observed = np.zeros(run.states.shape[:2], bool)
-        observed[: len(self.objects), : self.n_frames] = self.smoothed.visible
-        as_observed = _as_observed(run, simulated, from_frame)
-        there = exists[:, None] | (np.arange(run.states.shape[1]) < from_frame)
-        position = np.where((~as_observed & there)[..., None], run.states[..., POSITION], np.nan)
-        return np.where(as_observed, observed, rollout_in_image(shapes, position, self.states.camera)) & there
+        """(1 + R, n, F) bool, whether each object is in the image in each run (see `visible_in_runs`)."""
+        shapes, camera = [o.shape for o in objects], self.states.camera
+        return visible_in_runs(run, self.smoothed.visible, exists, simulated, from_frame, shapes, camera)
 
 
 def _is_earlier(event: Event, from_frame: int, exists: BoolArray) -> bool:
@@ -335,9 +334,3 @@ def _is_earlier(event: Event, from_frame: int, exists: BoolArray) -> bool:
     `exists` (n,) says which objects exist afterwards. An object removed in frame 0 was never there, so it had no collisions.
     """
     return event.frame <= from_frame and (from_frame > 0 or bool(exists[list(event.objects)].all()))
-
-
-def _as_observed(run: SimulatedMotion, simulated: BoolArray, from_frame: int) -> BoolArray:
-    """(n, F) bool, whether each object moves as in the video."""
-    frame = np.arange(run.states.shape[1])
-    return (frame < from_frame) | ((frame <= run.free_from[0, :, None]) & ~simulated[:, None])

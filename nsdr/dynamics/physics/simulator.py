@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.physics.body_state import SPIN, STATE_SIZE, VX, VY, X, Y
+from nsdr.dynamics.physics.body_state import POSITION, SPIN, STATE_SIZE, VX, VY, X, Y
 from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
 from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, approach, drift, push, rebound_at, slow_down, speed_after
 from nsdr.validation import BoolArray, FloatArray, IntArray
@@ -98,11 +98,13 @@ class SimulatedMotion:
         contacts: (1 + R, n, n) int, the frame of the first contact of each pair in each run, or `NO_CONTACT`.
         free_from: (1 + R, n) int, the frame in which each object was set free in each run (see `PrescribedMotion`); 0 for
             objects without prescribed motion.
+        location_world: (1 + R, n, F, 2) positions in each run, of which the first is the unperturbed one.
     """
 
     states: FloatArray
     contacts: IntArray
     free_from: IntArray
+    location_world: FloatArray
 
 
 def simulate(
@@ -144,8 +146,9 @@ def simulate(
     results = [
         _run(shape, state, change, own_mass, exists, rebound, *motion, start, n_frames) for change, own_mass in runs
     ]
-    _, contacts, free_from = zip(*results, strict=True)
-    return SimulatedMotion(results[0][0], np.stack(contacts), np.stack(free_from))
+    states, contacts, free_from = zip(*results, strict=True)
+    location_world = np.stack([of_run[..., POSITION] for of_run in states])
+    return SimulatedMotion(states[0], np.stack(contacts), np.stack(free_from), location_world)
 
 
 @cached_njit
