@@ -12,7 +12,7 @@ from nsdr.types.answers import ChoiceAnswer
 
 @pytest.fixture(scope="module")
 def scene() -> nsdr.Scene:
-    return nsdr.load(nsdr.Scene, TRUTH)
+    return nsdr.load(TRUTH)
 
 
 def test_a_printed_scene_is_its_objects_and_events(scene: nsdr.Scene) -> None:

@@ -250,7 +250,7 @@ def _truth(folder):
         (["answer", "none.mp4", "-q", "How many collisions happen?"], "none.mp4: no such file"),
         (["answer", TRUTH, "-q", ""], "the question is empty"),
         (["answer", TRUTH, "-q", "How many zebras enter the scene?"], "unknown word 'zebras'"),
-        (["answer", TRUTH, "-q", "What will happen if the cube is removed?"], "give choices with it"),
+        (["answer", TRUTH, "-q", "Which of these is responsible for the purple cube's exit?"], "give choices with it"),
         (["answer", TRUTH, "-q", "How many collisions happen?", "--checkpoint", "nowhere"], "no checkpoint 'nowhere'"),
         (["execute", "--scene", QUESTIONS, "--program", "objects count"], "nothing that"),
         (["execute", "--scene", TRUTH, "--program", "objects boggle"], "unknown module or word 'boggle'"),

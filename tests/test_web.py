@@ -230,14 +230,15 @@ def test_questions_that_need_choices_get_some(small_scene: Scene, tmp_path: Path
     clip = Clip("key", tmp_path / "a.mp4", Perception(None, None, explanation, small_scene), ())
     for question, choices in (
         ("How many collisions happen?", []),
+        ("Which of the following is responsible for the blue rubber sphere's exit?", []),
         ("What will happen without the red metal cube?", []),
         ("What will happen without the red metal cube?", ["nothing"]),
         ("Is it a unicorn?", []),
     ):
         Clips(pipeline, 5).answer(clip, question, choices)
     assert asked[0] is None
-    assert asked[1][0] == "The green rubber cylinder collides with the red rubber sphere"
-    assert asked[2:] == [["nothing"], None]
+    assert asked[1][0] == "The presence of the red metal cube"
+    assert asked[2:] == [None, ["nothing"], None]
 
 
 def test_only_uploads_are_looked_at_as_uploads(small_scene: Scene, tmp_path: Path) -> None:

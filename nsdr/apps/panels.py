@@ -63,8 +63,7 @@ def answer_panel(answer: Answer, clip: Clip) -> str:
     notes = notes_html(answer.notes, scene.notes)
     correct = [c for c in answer.choices if c.answer == "correct"]
     if not answer.is_multiple_choice:
-        said = answer.text.replace("\n", "; ")
-        head = _said(said, answer)
+        head = _said(answer.text, answer)
     elif len(correct) == 1:
         head = _said(correct[0].choice, correct[0])
     else:
@@ -76,7 +75,10 @@ def answer_panel(answer: Answer, clip: Clip) -> str:
 
 
 def _said(text: str, judged: Answer | ChoiceAnswer) -> str:
-    return f"Answer: <b>{html.escape(text)}</b>{html.escape(format_probability(judged))}"
+    """The answer in bold; one that is told in several lines begins below "Answer:"."""
+    lines = html.escape(text).split("\n")
+    start = "<br>" if len(lines) > 1 else ""
+    return f"Answer: {start}<b>{'<br>'.join(lines)}</b>{html.escape(format_probability(judged))}"
 
 
 def _choice(choice: ChoiceAnswer, clip: Clip, frames: NDArray[np.uint8]) -> str:
