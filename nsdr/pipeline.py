@@ -24,8 +24,10 @@ from nsdr.io.description import described, differing
 from nsdr.io.device import resolve_device, without_compiler
 from nsdr.io.files import write_json
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.images import Video, VideoSource, video_of
 from nsdr.io.notes import Note, distinct, unsaid
 from nsdr.io.registry import checked_result
+from nsdr.io.storage import load
 from nsdr.laws.judge import judge_proposals, judge_tracks
 from nsdr.pipeline_config import PipelineConfig, pipeline_settings
 from nsdr.question_parser import loading
@@ -213,33 +215,29 @@ class Pipeline:
         """What proposals depend on beside the files that are read."""
         return self.frame_parser, *(getattr(self.frame_parser, name, None) for name in PARSER_SETTINGS), self.video
 
-    def _files(self, video: str | Path) -> list[Path]:
-        """The files that proposals depend on: the video and, where one is set, the image of the empty scene."""
-        return [Path(path) for path in (video, self.video.background) if path]
+    def _seen(self, video: Video) -> list[Video]:
+        """What proposals depend on: the video and, where one is set, the image of the empty scene."""
+        return [video, *([Path(self.video.background)] if self.video.background else [])]
 
     def frames(
-        self, video: str | Path, beyond_cuts: bool = False, note: Note | None = None
+        self, video: VideoSource, beyond_cuts: bool = False, note: Note | None = None
     ) -> Iterator[NDArray[np.uint8]]:
-        """The frames (320, 480, 3) uint8 RGB of a video file that perception processes, with its errors.
+        """The frames (320, 480, 3) uint8 RGB of a video that perception processes, with its errors.
 
         Args:
-            video: a video file.
+            video: see `perceive`.
             beyond_cuts: whether to give those that are judged, also after a cut.
             note: gets what is unusual about the video (see `Scene.notes`); None gives Python warnings.
         """
         return clip_frames(video, self.video, beyond_cuts, note=note)
 
-    def scene(self, video: str | Path) -> Scene:
-        """The symbolic scene of a video file. Computed once for each content of the file.
-
-        Raises:
-            VideoError: the file cannot be read, is not of CLEVRER's scene (see `VideoConfig`), or no object was found in it.
-        """
+    def scene(self, video: VideoSource) -> Scene:
+        """The symbolic scene of a video. Computed once for each content; arguments and errors are those of `perceive`."""
         return self.perceive(video).scene
 
     def perceive(
         self,
-        video: str | Path | None = None,
+        video: VideoSource | None = None,
         proposals: VideoProposals | None = None,
         tracks: VideoTracks | None = None,
         explanation: Explanation | None = None,
@@ -248,7 +246,8 @@ class Pipeline:
         """All stages up to the scene, starting from the latest that is given.
 
         Args:
-            video: a video file.
+            video: a video file; or its frames (F, height, width, 3) uint8 RGB, 25 a second unless `VideoConfig.fps` says
+                otherwise, as an array or as images such as those of Pillow. Another size is scaled and noted.
             proposals, tracks, explanation: results of stages, to use instead of computing them.
             true_scene: a scene whose collisions during the video are taken as true, instead of detecting them.
 
@@ -256,13 +255,14 @@ class Pipeline:
             VideoError: nothing is given, the file cannot be read or is not of CLEVRER's scene (see `VideoConfig`), no object
                 was found, or all move too far from frame to frame for the video's frame rate.
         """
+        video = None if video is None else video_of(video)
         if not (proposals is None and tracks is None and explanation is None):
             return self._perceived(video, proposals, tracks, explanation, true_scene)
         if video is None:
             raise VideoError("give a video, proposals, tracks or an explanation")
-        check_is_video(Path(video))
+        check_is_video(video)
         parts = (*self._frame_parsing(), self.tracker, self.dynamics, self.camera)
-        key = fingerprint(inputs=[*self._files(video), *([] if true_scene is None else [true_scene])])
+        key = fingerprint(inputs=[*self._seen(video), *([] if true_scene is None else [true_scene])])
         if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
             self._kept.move_to_end(key)
             return self._kept[key][1]
@@ -277,7 +277,7 @@ class Pipeline:
 
     def _perceived(
         self,
-        video: str | Path | None,
+        video: Video | None,
         proposals: VideoProposals | None,
         tracks: VideoTracks | None = None,
         explanation: Explanation | None = None,
@@ -303,7 +303,7 @@ class Pipeline:
             scene = replace(scene, notes=distinct(tracks.notes, unfit))
         return Perception(proposals, tracks, explanation, scene)
 
-    def _check_tracks(self, tracks: VideoTracks, video: str | Path | None) -> None:
+    def _check_tracks(self, tracks: VideoTracks, video: Video | None) -> None:
         """Refuse tracks without objects, and those of a video whose objects all move too far from frame to frame."""
         if not tracks.tracks:
             least, hint = self.tracker.min_frames, "is it a CLEVRER clip?"
@@ -318,7 +318,7 @@ class Pipeline:
 
     def simulate(
         self,
-        video: str | Path | VideoProposals | VideoTracks | Perception,
+        video: VideoSource | VideoProposals | VideoTracks | Perception,
         interventions: Sequence[Intervention],
         from_frame: int = 0,
     ) -> Simulation:
@@ -328,7 +328,7 @@ class Pipeline:
             >>> pipeline.answer(simulation.scene, "How many collisions happen?")
 
         Args:
-            video: a video file, a perception of it, or the result of the frame parser or the tracker.
+            video: a video as `perceive` takes it, a perception of it, or the result of the frame parser or the tracker.
             interventions: instances of `Remove`, `SetMass`, `SetVelocity`, `Move`, `Freeze` and `Add`, all at `from_frame`.
             from_frame: a frame of the video.
 
@@ -348,7 +348,7 @@ class Pipeline:
         found = simulate(seen.explanation, interventions, from_frame)
         return replace(found, scene=replace(found.scene, notes=distinct(seen.scene.notes, found.notes)))
 
-    def judge(self, video: str | Path | None = None, proposals: VideoProposals | None = None) -> Judgement:
+    def judge(self, video: VideoSource | None = None, proposals: VideoProposals | None = None) -> Judgement:
         """Judge which laws of CLEVRER's world a video breaks, which objects break them, and when.
 
         The tracks are explained by lawful motion (free sliding between contacts, with masses and restitutions in CLEVRER's
@@ -366,6 +366,7 @@ class Pipeline:
             return judge_proposals(proposals, self.tracker, self.camera)
         if video is None:
             raise VideoError("give a video or proposals")
+        video = video_of(video)
         wrong = check_video(video, self.video).unfit
         if not wrong or self.video.check != "refuse":
             found, late = self.proposals(video)
@@ -383,15 +384,16 @@ class Pipeline:
             return judgement
         return replace(judgement, notes=distinct(judgement.notes, wrong))
 
-    def proposals(self, video: str | Path) -> tuple[VideoProposals, NDArray[np.floating[Any]]]:
+    def proposals(self, video: VideoSource) -> tuple[VideoProposals, NDArray[np.floating[Any]]]:
         """What is judged: proposals in all frames of a video, also after a cut, and how much later each of the (F,) frames is
         shown than its number says (frames). Kept until those of another video are asked for.
 
         Raises:
             VideoError: the file cannot be read or is not of CLEVRER's scene.
         """
-        check_is_video(Path(video))
-        key = (fingerprint(inputs=self._files(video)), *self._frame_parsing())
+        video = video_of(video)
+        check_is_video(video)
+        key = (fingerprint(inputs=self._seen(video)), *self._frame_parsing())
         if self._kept_proposals is None or self._kept_proposals[0] != key:
             late: list[float] = []
             notes: list[str] = []
@@ -408,7 +410,7 @@ class Pipeline:
 
     def answer(
         self,
-        video_or_scene: str | Path | Scene,
+        video_or_scene: VideoSource | Scene,
         question: str = "",
         choices: Sequence[str] | None = None,
         program: ProgramSource | None = None,
@@ -419,9 +421,9 @@ class Pipeline:
         A choice that fits no program or not the scene has an `error` in place of an answer, and the others are judged.
 
         Args:
-            video_or_scene: a video file, or a scene from anywhere.
-            question: in CLEVRER's English; may be left out when `program` is given.
-            choices: options of a multiple-choice question, or candidates for the answer of a descriptive one.
+            video_or_scene: a video as `perceive` takes it, a scene from anywhere, or the path of a saved scene (`.json`).
+            question: in CLEVRER's English, or a program's text; may be left out when `program` is given.
+            choices: options of a multiple-choice question, likewise, or candidates for the answer of a descriptive one.
             program, choice_programs: programs to run instead of parsing the texts.
 
         Raises:
@@ -430,26 +432,32 @@ class Pipeline:
                 multiple-choice question has no choices.
             ProgramError, ExecutionError: a given program is malformed, or the question's program does not fit the scene.
         """
-        if isinstance(video_or_scene, str | Path):
-            check_is_video(Path(video_or_scene))
+        given = video_or_scene if isinstance(video_or_scene, Scene) else video_of(video_or_scene)
+        if isinstance(given, Path) and given.suffix == ".json":
+            given = load(given, Scene)
+        if not isinstance(given, Scene):
+            check_is_video(given)
         if program is None and not question.strip():
             raise QuestionError("the question is empty")
-        given = video_or_scene if isinstance(video_or_scene, Scene) else None
-        parsed, parsed_choices = read_programs(self.question_parser, question, choices, program, choice_programs, given)
-        scene = self.perceive(video_or_scene).scene if given is None else given  # type: ignore[arg-type]
+        known = given if isinstance(given, Scene) else None
+        parsed, parsed_choices = read_programs(self.question_parser, question, choices, program, choice_programs, known)
+        if isinstance(given, Scene):
+            executor = Executor(given)
+        else:
+            perception = self.perceive(given)
 
-        def events_with(change: Intervention, from_frame: int) -> Sequence[Event]:
-            """Of the video, and after it, for questions "what if"."""
-            return self.simulate(video_or_scene, [change], from_frame).events  # type: ignore[arg-type]
+            def events_with(change: Intervention, from_frame: int) -> Sequence[Event]:
+                """Of the video, and after it, for questions "what if"."""
+                return self.simulate(perception, [change], from_frame).events
 
-        executor = Executor(scene, simulate=events_with if given is None else None)
+            executor = Executor(perception.scene, simulate=events_with)
         if parsed_choices is None:
             return executor.answer(parsed, question, choices or ())
         texts = choices or [str(p) for p in parsed_choices]
         return executor.answer_choices(parsed, list(zip(texts, parsed_choices, strict=True)), question)
 
 
-def judge(video: str | Path | None = None, proposals: VideoProposals | None = None) -> Judgement:
+def judge(video: VideoSource | None = None, proposals: VideoProposals | None = None) -> Judgement:
     """`Pipeline.judge` of the shipped pipeline, which is loaded for it. For many videos, load one pipeline."""
     return Pipeline.from_pretrained().judge(video, proposals)
 

@@ -1,13 +1,16 @@
 """What a researcher touches in Python: what is printed, scenes and programs by hand, pixels, frames, and parts of their own."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import nsdr
-from nsdr.clevrer.example import TRUTH
+from nsdr.clevrer.example import TRUTH, VIDEO
+from nsdr.clevrer.files.proposals import proposals_from_masks
 from nsdr.types.answers import ChoiceAnswer
+from nsdr.types.events import enter_exit_events
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +93,213 @@ def test_a_printed_pipeline_names_its_parts_and_what_is_special_about_them() -> 
         "Pipeline(frame_parser=Mine(gate=0.25), dynamics=SimpleNamespace(), "
         "question_parser=GrammarParser(extensions=True), video=VideoConfig(check='warn'))"
     )
+
+
+def detections(mask: np.ndarray) -> nsdr.VideoProposals:
+    rows = [(1, ("red", "metal", "cube"), 0.9, mask), (0, ("blue", "rubber", "sphere"), 0.8, mask > 0)]
+    return proposals_from_masks(2, rows)
+
+
+def test_detections_have_words_and_masks() -> None:
+    mask = np.zeros((320, 480))
+    mask[100:120, 200:230] = 0.9
+    mask[100:120, 230:240] = 0.4
+    found = detections(mask)
+    assert found.words == ("blue rubber sphere", "red metal cube")
+    assert (found.mask(0).dtype, found.mask(0).shape) == (np.dtype(bool), (320, 480))
+    assert np.array_equal(found.mask(0), mask > 0)
+    assert np.array_equal(found.mask(1), mask >= 0.5)
+    assert found.box_xyxy_px[1].tolist() == [200, 100, 230, 120]
+    with pytest.raises(nsdr.DataError, match="have no masks"):
+        replace(found, masks=None).mask(0)
+
+
+def test_positions_on_the_ground_and_in_the_image() -> None:
+    camera = nsdr.Camera()
+    place = np.array([[0.5, -1.0], [-2.0, 0.3]])
+    np.testing.assert_allclose(camera.pixels(place), camera.pixels(np.c_[place, [0.2, 0.2]]))
+    np.testing.assert_allclose(camera.ground(camera.pixels(place)), place, atol=1e-9)
+    assert camera.pixels((0.5, -1.0)).shape == (2,)
+    location = np.stack([place, np.full((2, 2), np.nan)])
+    rollout = nsdr.Rollout(location, ~np.isnan(location[..., 0]), ())
+    np.testing.assert_array_equal(rollout.pixels(camera), camera.pixels(location))
+    assert np.isnan(rollout.pixels()[1]).all()
+
+
+def test_tracks_by_frame() -> None:
+    frames, boxes = np.array([1, 3]), np.array([[10, 20, 30, 40], [12, 20, 32, 40]])
+    centres = np.array([[20.0, 30.0], [22.0, 30.0]])
+    track = nsdr.Track(
+        nsdr.SceneObject(0, "red", "metal", "cube"), frames, np.zeros((2, 2)), centres, boxes, np.ones(2)
+    )
+    tracks = nsdr.VideoTracks(5, (track,))
+    assert (tracks.centroid_px.shape, tracks.box_xyxy_px.shape) == ((1, 5, 2), (1, 5, 4))
+    np.testing.assert_array_equal(tracks.centroid_px[0, frames], centres)
+    np.testing.assert_array_equal(tracks.box_xyxy_px[0, frames], boxes)
+    assert np.isnan(tracks.centroid_px[0, [0, 2, 4]]).all()
+
+
+OBJECTS = ["red metal cube", "sphere rubber blue", "green rubber cube"]
+EVENTS = [("in", 10, "sphere"), ("collision", 30, "blue sphere", "red cube"), ("out", 60, 2)]
+
+
+def test_a_scene_by_hand_answers_questions() -> None:
+    scene = nsdr.Scene.of(OBJECTS, EVENTS)
+    assert str(scene).splitlines()[-3:] == [
+        "  blue rubber sphere enters (frame 10)",
+        "  red metal cube and blue rubber sphere collide (frame 30)",
+        "  green rubber cube exits (frame 60)",
+    ]
+    seen = [np.flatnonzero(row)[[0, -1]].tolist() for row in scene.visible]
+    assert (seen, scene.visible.shape) == ([[0, 127], [10, 127], [0, 59]], (3, 128))
+    assert enter_exit_events(scene.visible) == [scene.events[0], scene.events[2]]
+    executor = nsdr.Executor(scene)
+    why = "events events objects green filter_color filter_out unique filter_ancestor belong_to"
+    hit = "events objects filter_collision unique"
+    assert executor.answer("objects count").answer == 3
+    assert executor.answer_choices(why, [("a collision", hit)]).answer == ()
+    for unknown, reason in (
+        ("objects null filter_moving count", "motion is not known"),
+        ("unseen_events count", "after the video are not known"),
+        (
+            "all_events objects red filter_color unique get_counterfact count",
+            "events without red metal cube are not known",
+        ),
+        ("objects red filter_color unique start get_frame query_speed", "velocities are not known"),
+    ):
+        with pytest.raises(nsdr.ExecutionError, match=reason):
+            executor.run(unknown)
+
+
+def test_a_scene_by_hand_may_know_more() -> None:
+    moving = np.zeros((3, 50), bool)
+    moving[0, 20] = True
+    scene = nsdr.Scene.of(
+        OBJECTS,
+        [nsdr.Event("in", 40, (1,)), ("out", 44, "sphere"), ("in", 48, 1)],
+        50,
+        predicted=[("collision", 60, 0, 1)],
+        counterfactual={"green cube": [("collision", 30, "red cube", "sphere")], 0: []},
+        moving=moving,
+    )
+    assert np.flatnonzero(scene.visible[1]).tolist() == [*range(40, 44), 48, 49]
+    executor = nsdr.Executor(scene)
+    assert executor.answer("objects null filter_moving count").answer == 1
+    assert executor.answer("unseen_events count").answer == 1
+    assert executor.answer("all_events objects green filter_color unique get_counterfact count").answer == 1
+    assert executor.answer("all_events objects red filter_color unique get_counterfact count").answer == 0
+
+
+@pytest.mark.parametrize(
+    ("objects", "events", "reason"),
+    [
+        (["red cube"], [], "object: expected color, material and shape, such as 'red metal cube', got red cube"),
+        (["red blue cube"], [], "expected color, material and shape"),
+        (["red metal cube", "red metal cube"], [], "unique attribute triples"),
+        (OBJECTS, [("collision", 30, "red cube", "yellow cube")], "'yellow cube': no object fits"),
+        (OBJECTS, [("in", 30, "cube")], "'cube': 2 objects fit"),
+        (OBJECTS, [("hit", 30, "red cube")], r"Event: Expected `str` matching regex .* at `\$.kind`"),
+        (OBJECTS, [("collision", 30, "red cube")], "2 ascending object ids"),
+        (OBJECTS, [("in", "sphere")], "event: expected its kind, frame and objects"),
+        (OBJECTS, [("in", 200, "sphere")], "frames from 0 to 127"),
+    ],
+)
+def test_a_scene_by_hand_is_checked(objects, events, reason) -> None:
+    with pytest.raises(nsdr.DataError, match=reason):
+        nsdr.Scene.of(objects, events)
+
+
+def test_programs_are_taken_in_each_notation(scene: nsdr.Scene) -> None:
+    tokens = ["events", "objects", "filter_collision", "count"]
+    programs = [tokens, " ".join(tokens), ", ".join(tokens), "count(filter_collision(events, objects))"]
+    programs.append(nsdr.Program.parse(tokens))
+    pipeline = bare_pipeline()
+    assert {nsdr.Executor(scene).answer(program).answer for program in programs} == {4}
+    assert {pipeline.answer(scene, program=program).answer for program in programs} == {4}
+    assert {pipeline.answer(scene, program).answer for program in programs if isinstance(program, str)} == {4}
+
+
+def test_choices_are_texts_or_programs(scene: nsdr.Scene) -> None:
+    collides = "unique(filter_collision(filter_collision(all_events, {}), {}))"
+    brown, sphere = "filter_shape(objects, cylinder)", "filter_material(filter_shape(objects, sphere), metal)"
+    program = collides.format(f"filter_color({brown}, brown)", f"filter_color({sphere}, brown)")
+    text = "The brown cylinder collides with the brown metal sphere"
+    judged = bare_pipeline().answer(scene, "What will happen next?", [text, program])
+    assert judged.answer == (text, program)
+    alone = nsdr.Executor(scene).answer_choices("belong_to(unseen_events)", [program])
+    assert alone.answer == str(nsdr.Program.parse(program))
+
+
+def test_a_saved_scene_is_asked_about_by_its_path(scene: nsdr.Scene, tmp_path) -> None:
+    pipeline = bare_pipeline()
+    nsdr.save(scene, tmp_path / "scene.json")
+    assert pipeline.answer(tmp_path / "scene.json", "How many collisions happen?").answer == 4
+    assert pipeline.answer(str(TRUTH), "How many collisions happen?").answer == 4
+    with pytest.raises(nsdr.DataError, match="no such file"):
+        pipeline.answer("none.json", "How many collisions happen?")
+    with pytest.raises(nsdr.VideoError, match=r"is a JSON file; expected a video .*nsdr\.load"):
+        pipeline.perceive(tmp_path / "scene.json")
+
+
+def bare_pipeline(**parts) -> nsdr.Pipeline:
+    """A pipeline without networks."""
+    given = {"frame_parser": None, "dynamics": None, "question_parser": nsdr.GrammarParser()}
+    return nsdr.Pipeline(**(given | parts))
+
+
+class Failing:
+    """A part that fails by itself."""
+
+    def parse(self, *_: object, **__: object) -> nsdr.Program:
+        raise KeyError("my own fault")
+
+    explain = parse
+
+
+class Wrong:
+    """A part that gives something else than what is expected."""
+
+    def parse(self, *_: object, **__: object) -> str:
+        return "objects count"
+
+    explain = parse
+
+
+def seen(words: str = "red metal cube") -> nsdr.VideoTracks:
+    frames, place = np.arange(20), np.zeros((20, 2))
+    color, material, shape = words.split()
+    track = nsdr.Track(
+        nsdr.SceneObject(0, color, material, shape), frames, place, place + 200, np.full((20, 4), 200), np.ones(20)
+    )
+    return nsdr.VideoTracks(20, (track,))
+
+
+def test_errors_of_ones_own_part_keep_their_kind_and_traceback(scene: nsdr.Scene) -> None:
+    for fails in (
+        lambda: bare_pipeline(question_parser=Failing()).answer(scene, "What?"),
+        lambda: bare_pipeline(dynamics=Failing()).perceive(tracks=seen()),
+        lambda: bare_pipeline(frame_parser=Failing()).perceive(VIDEO),
+    ):
+        with pytest.raises(KeyError, match="my own fault") as failure:
+            fails()
+        assert failure.traceback[-1].name == "parse"
+
+
+def test_a_wrong_result_of_ones_own_part_is_refused_in_words(scene: nsdr.Scene) -> None:
+    with pytest.raises(nsdr.DataError, match=r"Wrong\.parse returned a str; expected an nsdr\.Program"):
+        bare_pipeline(question_parser=Wrong()).answer(scene, "What?")
+    with pytest.raises(nsdr.DataError, match=r"Wrong\.parse returned a str; expected an nsdr\.VideoProposals"):
+        bare_pipeline(frame_parser=Wrong()).perceive(VIDEO)
+    with pytest.raises(nsdr.DataError, match=r"Wrong\.explain returned a str; expected an nsdr\.Explanation"):
+        bare_pipeline(dynamics=Wrong()).perceive(tracks=seen())
+
+    class Rolls(nsdr.Explanation):
+        def run(self, changes, from_frame, frames):
+            return {"location_world": []}
+
+    class Explains:
+        def explain(self, states, collisions=None):
+            return Rolls(states.objects, states.n_frames)
+
+    with pytest.raises(nsdr.DataError, match=r"Rolls\.run returned a dict; expected an nsdr\.Rollout"):
+        bare_pipeline(dynamics=Explains()).perceive(tracks=seen())

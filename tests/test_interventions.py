@@ -18,7 +18,7 @@ from nsdr.apps.comparison import comparison_frames
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli import simulate as command
 from nsdr.dynamics import StoredExplanation, simulate, states_from_tracks
-from nsdr.dynamics.interventions import find_object, resolve
+from nsdr.dynamics.interventions import resolve
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics.body_state import POSITION, VELOCITY
 from nsdr.dynamics.physics.changed_bodies import change_bodies

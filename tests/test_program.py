@@ -76,7 +76,8 @@ def test_choice_and_question_are_joined() -> None:
         ("count(objects, events)", "'count' takes 1 arguments, found 2"),
         ("filter_shape(objects, filter_color(red))", "'filter_color' takes 2 arguments, found 1"),
         ("frobnicate(objects)", "token 2: unknown module or word 'frobnicate'"),
-        ("count(objects + events)", r"'objects \+ events': expected a call, a module or a word"),
+        ("count((objects, events))", r"'\(objects, events\)': expected a call, a module or a word"),
+        ("count(objects + events)", "expected calls such as"),
         ("count(" * 300 + "objects" + ")" * 300, "with each bracket closed"),
     ],
 )

@@ -9,6 +9,7 @@ from typing import Protocol
 from nsdr.dynamics.interventions import resolve
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.errors import DataError
+from nsdr.io.registry import checked_result
 from nsdr.types import DynamicsPrediction, Event, ObjectPhysics, Remove, Rollout, SceneObject
 from nsdr.types.interventions import Intervention
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
@@ -88,12 +89,12 @@ class Explanation(ABC):
             return self.observed
         if changes != () or from_frame:
             changes = resolve(changes, self.objects, self.observed.visible[:, : self.n_frames], from_frame)
-        return self.run(changes, from_frame, self._length(frames))
+        return self._ran(changes, from_frame, self._length(frames))
 
     @cached_property
     def observed(self) -> Rollout:
         """The rollout of the video as it is, up to the horizon."""
-        return self.run((), 0, self._length())
+        return self._ran((), 0, self._length())
 
     @cached_property
     def counterfactual(self) -> Mapping[int, Rollout]:
@@ -105,6 +106,10 @@ class Explanation(ABC):
         """The rollout of the video and the rollouts without each object, as a record that can be stored."""
         removals = dict(self.counterfactual)
         return DynamicsPrediction(self.objects, self.n_frames, self.observed, removals, self.physics)
+
+    def _ran(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
+        """The result of `run`, which may be another package's."""
+        return checked_result(self.run(changes, from_frame, frames), Rollout, self, "run")
 
     def _length(self, frames: int | None = None) -> int:
         """Number of frames of a rollout: at least that of the video; None for a rollout to the horizon."""
@@ -123,8 +128,11 @@ class _Removals(Mapping[int, Rollout]):
             raise KeyError(removed)
         if removed not in self._known:
             e = self._explanation
-            self._known[removed] = e.run((Remove(removed),), 0, e._length())
+            self._known[removed] = e._ran((Remove(removed),), 0, e._length())
         return self._known[removed]
+
+    def __contains__(self, removed: object) -> bool:
+        return removed in range(len(self))
 
     def __iter__(self) -> Iterator[int]:
         return iter(range(len(self)))

@@ -9,29 +9,11 @@ import numpy as np
 from nsdr.errors import DataError
 from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention
+from nsdr.types.tracks import find_object
 from nsdr.validation import BoolArray
 
 EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
 """An object can have at most one intervention from each of these sets. `Remove` excludes all others."""
-
-
-def find_object(objects: Sequence[SceneObject], wanted: str | int) -> int:
-    """The id of the object that is given by words or by its id.
-
-    Raises:
-        DataError: no object fits, or several do; the message lists the objects.
-    """
-    known = ", ".join(f"{o.id} {o.name}" for o in objects)
-    if not isinstance(wanted, str):
-        if wanted in range(len(objects)) and not isinstance(wanted, bool):
-            return int(wanted)
-        raise DataError(f"object {wanted}: expected an id of the scene's objects: {known}")
-    words = set(wanted.lower().removeprefix("the ").split())
-    fitting = [o.id for o in objects if words and words <= set(o.name.split())]
-    if len(fitting) == 1:
-        return fitting[0]
-    found = "no object fits" if not fitting else f"{len(fitting)} objects fit; add words or give the id"
-    raise DataError(f"{wanted!r}: {found}; the objects by id: {known}")
 
 
 def resolve(

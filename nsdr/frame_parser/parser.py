@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
+from dataclasses import replace
 from itertools import chain, count, islice, pairwise
 from typing import Any
 
@@ -22,6 +23,8 @@ from nsdr.frame_parser.pasting import mask_changes
 from nsdr.frame_parser.regions import ROI_LEVELS
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads, resolve_precision
+from nsdr.io.images import VideoSource
+from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
@@ -66,12 +69,14 @@ class FrameParser(PretrainedPart[nn.Module]):
 
     @limit_threads()
     @torch.no_grad()
-    def parse(self, frames: Iterable[NDArray[np.uint8]], progress: bool = False) -> VideoProposals:
+    def parse(self, frames: VideoSource, progress: bool = False) -> VideoProposals:
         """Proposals of a video.
 
         Args:
-            frames: images (320, 480, 3) uint8 RGB, or an array (F, 320, 480, 3) of them. An image that is the same object as
-                the one before it, as `nsdr.io.video.read_frames` repeats those of slow videos, shows nothing new.
+            frames: a video file; or its frames (F, height, width, 3) uint8 RGB, as an array or as images such as those of
+                Pillow; or an iterator over arrays (320, 480, 3), which are parsed as they come. Frames of another size are
+                scaled to 480x320, which is noted. An image that is the same object as the one before it, as
+                `nsdr.io.video.read_frames` repeats those of slow videos, shows nothing new.
             progress: show a progress bar.
 
         Returns:
@@ -79,7 +84,11 @@ class FrameParser(PretrainedPart[nn.Module]):
 
         Raises:
             DataError: no frames, or a frame of another shape or dtype.
+            VideoError: the file cannot be read.
         """
+        notes: list[str] = []
+        if not isinstance(frames, Iterator):
+            frames = read_frames(frames, note=notes.append)
         counter, detect = count(), self._detector()
         rows: list[NDArray[np.float64]] = []
         changes: list[NDArray[np.int64]] = []
@@ -106,7 +115,8 @@ class FrameParser(PretrainedPart[nn.Module]):
         runs = ObjectRuns(mask, start, stop)
         masks = encoded_runs(runs, len(score), HEIGHT_PX, WIDTH_PX)
         frame_index = np.array(processed, np.int64)[place.astype(np.int64)]
-        return proposals_from_runs(n_frames, frame_index, attribute.astype(np.int64), score, masks, runs, processed)
+        parsed = proposals_from_runs(n_frames, frame_index, attribute.astype(np.int64), score, masks, runs, processed)
+        return replace(parsed, notes=tuple(notes))
 
     def _detector(self) -> "Detector":
         """The prepared network, made again where the weights, the device or the precision have changed."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nsdr.errors import VideoError, machine_error
 from nsdr.io.files import check_name, find_files
-from nsdr.io.images import FRAME_SUFFIXES, has_images, is_animated, open_images
+from nsdr.io.images import FRAME_SUFFIXES, Frames, Video, has_images, is_animated, open_images
 from nsdr.io.limits import check_limit
 from nsdr.io.notes import Note
 from nsdr.world.physics_constants import FPS
@@ -77,8 +77,13 @@ class OpenedVideo:
 
 
 @contextmanager
-def opened(path: Path, fps: float, note: Note) -> Iterator[OpenedVideo]:
+def opened(path: Video, fps: float, note: Note) -> Iterator[OpenedVideo]:
     """Open a video. `fps` replaces the stated frame rate, unless it is 0; an uncertain or uneven rate is noted."""
+    if isinstance(path, Frames):
+        rate = _checked_rate(path, fps or FPS, note)
+        timed = ((0.0, image) for image in path.images)
+        yield OpenedVideo(rate, len(path.images) / rate, _evenly(timed, rate))
+        return
     check_is_video(path)
     images = open_images(path)
     if images is None:
@@ -102,7 +107,7 @@ def opened(path: Path, fps: float, note: Note) -> Iterator[OpenedVideo]:
         yield OpenedVideo(rate, images.n_frames / rate, _evenly(frames, rate))
 
 
-def _checked_rate(path: Path, rate: float, note: Note) -> float:
+def _checked_rate(path: Video, rate: float, note: Note) -> float:
     """A video's frame rate (1/s); CLEVRER's rate, with a note, if the file states none."""
     if not rate:
         remedy = "--fps gives the right one (in Python, VideoConfig.fps)"
@@ -209,7 +214,7 @@ def find_frame_folders(folder: str | Path) -> list[Path]:
     return sorted({path.parent for path in images} - {Path(folder)})
 
 
-def check_is_video(path: Path) -> None:
+def check_is_video(path: Video) -> None:
     """Refuse what is no folder of images, no animated image, and no file of a known container, by its first bytes.
 
     Raises:
@@ -217,6 +222,8 @@ def check_is_video(path: Path) -> None:
             says which.
         DataError: a name that is not UTF-8.
     """
+    if isinstance(path, Frames):
+        return
     check_name(path)
     if path.is_dir():
         if not has_images(path):
@@ -235,6 +242,9 @@ def check_is_video(path: Path) -> None:
         raise VideoError(f"{path}: is an image; expected a video, or an animated GIF, WebP or PNG")
     if head.startswith(b"PK"):
         raise VideoError(f"{path}: is an archive (ZIP or NPZ); expected a video")
+    if path.suffix == ".json":
+        remedy = "questions can be asked about a saved scene, and nsdr.load(nsdr.Scene, path) reads it"
+        raise VideoError(f"{path}: is a JSON file; expected a video ({remedy})")
     if _is_text(head):
         raise VideoError(f"{path}: is a text file; expected a video")
     kinds = "MP4, MOV, MKV, WebM, AVI, MPEG, Ogg, FLV, WMV, IVF or Y4M file"
@@ -259,6 +269,6 @@ def _is_text(head: bytes) -> bool:
     return all(c.isprintable() or c in "\n\r\t\f" for c in text)
 
 
-def undecodable(path: Path) -> VideoError:
+def undecodable(path: Video) -> VideoError:
     """The error of a file that nothing can be read from."""
     return VideoError(f"{path}: not a video that OpenCV can read, or damaged or cut off; {CONVERT}")

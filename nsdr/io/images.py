@@ -1,10 +1,10 @@
-"""Videos that are images: animated GIF, WebP and PNG, and folders with one image a frame."""
+"""Videos that are images: frames in memory, animated GIF, WebP and PNG, and folders with one image a frame."""
 
 import re
 import statistics
 import struct
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageSequence
 
-from nsdr.errors import VideoError, machine_error
+from nsdr.errors import DataError, VideoError, machine_error
 from nsdr.io.animation import frame_durations_ms
 from nsdr.io.files import is_hidden
 from nsdr.io.limits import check_limit
@@ -33,6 +33,61 @@ UNREADABLE = (
     OSError, EOFError, SyntaxError, ValueError, IndexError, struct.error, Image.DecompressionBombError
 )  # fmt: skip
 """What Pillow raises about damaged files."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """A video in memory. As a text it is what messages call it.
+
+    Attributes:
+        images: (height, width, 3) uint8 RGB each, all of one size.
+    """
+
+    images: tuple[NDArray[np.uint8], ...]
+
+    def __str__(self) -> str:
+        return f"{len(self.images)} frames in memory"
+
+
+Video = Path | Frames
+"""A video: a file or a folder of images, or frames in memory."""
+VideoSource = str | Path | Frames | Iterable[Any]
+"""What `video_of` makes a video of."""
+
+
+def video_of(source: VideoSource) -> Video:
+    """A video from its path, or from its frames.
+
+    Args:
+        source: a path, or (F, height, width, 3) uint8 RGB: an array, or images such as those of Pillow or arrays.
+
+    Raises:
+        DataError: there are no frames, or one is of another shape or dtype.
+    """
+    if isinstance(source, str | Path):
+        return Path(source)
+    if isinstance(source, Frames):
+        return source
+    if not isinstance(source, Iterable):
+        raise DataError(f"expected a video's path or its frames, got a {type(source).__name__}")
+    images: list[NDArray[np.uint8]] = []
+    last = None
+    for number, image in enumerate(source):
+        if image is last:  # a repeated frame stays one array
+            images.append(images[-1])
+            continue
+        last = image
+        array = np.asarray(image.convert("RGB") if isinstance(image, Image.Image) else image)
+        if array.dtype != np.uint8 or array.ndim != 3 or array.shape[-1] != 3 or not array.size:
+            expected = "an image or an array (height, width, 3) of uint8, RGB from 0 to 255"
+            raise DataError(f"frame {number}: expected {expected}, got {array.shape} {array.dtype}")
+        if images and array.shape != images[0].shape:
+            raise DataError(f"frame {number}: expected {images[0].shape} as the first frame, got {array.shape}")
+        images.append(array)
+        check_limit(len(images), "frames", "the frames")
+    if not images:
+        raise DataError("no frames to parse: expected at least 1")
+    return Frames(tuple(images))
 
 
 @dataclass(frozen=True)

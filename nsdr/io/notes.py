@@ -3,14 +3,13 @@
 import warnings
 from collections.abc import Callable, Iterable
 from itertools import chain
-from pathlib import Path
 
 Note = Callable[[str], object]
 """A function that is called with one thing that a user should know, without the name of the file. `list.append` keeps it."""
 
 
-def as_warnings(path: str | Path) -> Note:
-    """Python warnings that begin with the file's name, for functions whose results carry no notes."""
+def as_warnings(path: object) -> Note:
+    """Python warnings that begin with the name of a file or video, for functions whose results carry no notes."""
     return lambda text: warnings.warn(f"{path}: {text}", stacklevel=3)
 
 

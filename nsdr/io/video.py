@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError, VideoError
 from nsdr.io.decoding import RATE_TOLERANCE, TimedFrames, opened, read_window, undecodable
 from nsdr.io.files import atomic_path, check_installed
+from nsdr.io.images import VideoSource, video_of
 from nsdr.io.limits import check_limit, limits
 from nsdr.io.notes import Note, as_warnings, unsaid
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
@@ -66,7 +67,7 @@ class VideoSample:
     size_px: tuple[int, int]
 
 
-def read_video(path: str | Path, fps: float = 0.0) -> NDArray[np.uint8]:
+def read_video(path: VideoSource, fps: float = 0.0) -> NDArray[np.uint8]:
     """All frames of a video as (F, 320, 480, 3) uint8 RGB, at 25 frames a second.
 
     Another image size is scaled to fit, the rest filled with the mean colour, so that shapes keep their aspect;
@@ -74,13 +75,14 @@ def read_video(path: str | Path, fps: float = 0.0) -> NDArray[np.uint8]:
     (the same array). Both give Python warnings, as does a video that does not have CLEVRER's 128 frames.
 
     Args:
-        path: a video file, an animated image, or a folder of PNG or JPEG files whose names end with the frame's number.
+        path: a video file, an animated image, or a folder of PNG or JPEG files whose names end with the frame's number; or
+            frames in memory, as `nsdr.io.images.video_of` takes them.
         fps: frames per second; 0 for what the file states, or 25, with a warning, if it states nothing.
 
     Raises:
         VideoError: no such file, not a video, no frames, or more or larger ones than `nsdr.io.limits` allows.
     """
-    frames = []
+    frames, path = [], video_of(path)
     for frame in read_frames(path, fps=fps):
         frames.append(frame)
         check_limit(len(frames) * frame.nbytes, "array_bytes", path, VideoError)
@@ -88,7 +90,7 @@ def read_video(path: str | Path, fps: float = 0.0) -> NDArray[np.uint8]:
 
 
 def read_frames(
-    path: str | Path,
+    path: VideoSource,
     layout: Layout | None = None,
     fps: float = 0.0,
     late: list[float] | None = None,
@@ -102,7 +104,7 @@ def read_frames(
         late: a list to which is appended, for each frame, how much later it was taken than at 25 per second (frames).
         note: called with what is unusual about the video, until the last frame has been read; None gives Python warnings.
     """
-    path = Path(path)
+    path = video_of(path)
     layout, note = layout or Layout(), note or as_warnings(path)
     with opened(path, fps, note) as video:
         if abs(video.rate - FPS) > RATE_TOLERANCE:
@@ -120,13 +122,13 @@ def read_frames(
             note(f"{n} frames, CLEVRER's videos have {VIDEO_FRAMES}")
 
 
-def sample_frames(path: str | Path, seconds: float, spacing: int, fps: float = 0.0) -> VideoSample:
+def sample_frames(path: VideoSource, seconds: float, spacing: int, fps: float = 0.0) -> VideoSample:
     """Every `spacing`-th frame, at 25 frames a second, of the first seconds of a video; notes nothing.
 
     Raises:
         VideoError: see `read_video`.
     """
-    path = Path(path)
+    path = video_of(path)
     frames: list[NDArray[np.uint8]] = []
     size = (0, 0)
     with opened(path, fps, unsaid) as video:

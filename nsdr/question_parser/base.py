@@ -2,8 +2,9 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from contextlib import suppress
 
-from nsdr.errors import EndpointError, NsdrError, QuestionError
+from nsdr.errors import EndpointError, NsdrError, ProgramError, QuestionError
 from nsdr.io.registry import checked_result
 from nsdr.question_parser.suggestions import QUESTION_KINDS, nearest_questions
 from nsdr.symbolic import Program
@@ -66,8 +67,9 @@ def read_programs(
 
     Args:
         parser: of the texts that have no given program.
-        question: text of the question.
-        choices: texts of the choices of a multiple-choice question, or candidates for the answer of a descriptive one.
+        question: text of the question, which may be a program.
+        choices: texts of the choices of a multiple-choice question, which may be programs; or candidates for the answer of a
+            descriptive one.
         program, choice_programs: programs in place of parsing the texts.
         scene: whose objects suggestions may name; None for none.
 
@@ -105,7 +107,9 @@ def read_programs(
 
 
 def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Program | QuestionError:
-    """The text's program, or why it has none and the nearest texts that have one."""
+    """The program that the text is or stands for; or why it has none, and the nearest texts that have one."""
+    with suppress(ProgramError):
+        return Program.parse(text)
     try:
         return checked_result(parser.parse(text, kind), Program, parser, "parse")
     except QuestionError as e:

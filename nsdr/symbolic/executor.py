@@ -105,7 +105,7 @@ class Executor:
     def answer_choices(
         self,
         question_program: ProgramSource,
-        choices: Sequence[tuple[str, ProgramSource | NsdrError]],
+        choices: Sequence[tuple[str, ProgramSource | NsdrError] | str | list[str] | Program],
         question: str = "",
     ) -> Answer:
         """Answer a multiple-choice question: each choice is joined with the question into one program, and "yes" is correct.
@@ -115,7 +115,7 @@ class Executor:
 
         Args:
             question_program: ends in `belong_to`, which takes the choice (`Program.needs_choice`).
-            choices: (text, program) pairs; for a text without a program, the reason.
+            choices: programs, alone or as (text, program) pairs; for a text without a program, the reason.
             question: text of the question.
 
         Raises:
@@ -123,10 +123,11 @@ class Executor:
             ExecutionError: the question's program does not fit the scene; says what was asked for and what the scene has.
         """
         parsed = Program.parse(question_program)
-        answers = self._supposing(lambda e: e._judged(parsed, choices))
+        named = [c if isinstance(c, tuple) else (str(Program.parse(c)), c) for c in choices]
+        answers = self._supposing(lambda e: e._judged(parsed, named))
         scores = self._prediction_scores(parsed, answers)
         answers = self._with_probabilities(answers) if scores is None else self._exactly_one(answers, *scores)
-        of_choices = (choice.notes for _, choice in choices if isinstance(choice, Program))
+        of_choices = (choice.notes for _, choice in named if isinstance(choice, Program))
         notes = distinct(self.scene.notes, parsed.notes, *of_choices)
         return Answer.of_choices(question, parsed.tokens, answers, notes)
 

@@ -1,6 +1,7 @@
 """Programs: postfix token lists, checked against the signature table before they run."""
 
 import ast
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -120,6 +121,8 @@ def _restored(tokens: tuple[str, ...], notes: tuple[str, ...]) -> Program:
     return _checked(tokens).with_notes(*notes)
 
 
+CALLS = re.compile(r"[a-z_\s(),'\"]*")
+"""A program that is written as calls has these characters only."""
 CACHED_PROGRAMS = 1 << 16
 """Number of parsed programs that are kept in memory."""
 
@@ -209,10 +212,10 @@ def program_tokens(source: ProgramSource) -> tuple[str, ...]:
 def _postfix(text: str) -> list[str]:
     """Postfix tokens of nested calls, which are written as in Python."""
     try:
+        if not CALLS.fullmatch(text):
+            raise SyntaxError
         return list(_tokens(ast.parse(text.strip(), mode="eval").body))
-    except (SyntaxError, ValueError, MemoryError, RecursionError) as e:
-        if isinstance(e, ProgramError):
-            raise
+    except (SyntaxError, MemoryError, RecursionError) as e:
         raise ProgramError(f"{text!r:.60}: expected calls such as count(objects), with each bracket closed") from e
 
 

@@ -44,7 +44,7 @@ def event_sentence(event: Event, names: Sequence[str]) -> str:
     return what if event.frame < 0 else f"{what} (frame {event.frame})"
 
 
-def in_order(events: Sequence[Event]) -> tuple[Event, ...]:
+def in_order(events: Iterable[Event]) -> tuple[Event, ...]:
     """Events sorted by frame; at the same frame, entrances and exits come before collisions."""
     return tuple(sorted(events, key=lambda e: (e.frame, e.kind == "collision")))
 
@@ -62,6 +62,21 @@ def enter_exit_events(visible: BoolArray) -> list[Event]:
     for i, frame in np.argwhere(change != 0):
         events.append(Event("in" if change[i, frame] > 0 else "out", int(frame) + 1, (int(i),)))
     return events
+
+
+def visible_by(events: Sequence[Event], n_objects: int, n_frames: int) -> BoolArray:
+    """(n_objects, n_frames) bool, when each object is in the image if its entrances and exits are all there are.
+
+    It is the inverse of `enter_exit_events` for objects that enter or exit at all.
+    """
+    visible = np.ones((n_objects, n_frames), bool)
+    for i, of_one in enumerate(visible):
+        changes = in_order(e for e in events if e.kind != "collision" and e.objects == (i,))
+        if changes:
+            of_one[: changes[0].frame] = changes[0].kind == "out"
+        for event in changes:
+            of_one[event.frame :] = event.kind == "in"
+    return visible
 
 
 def collisions_in_view(collisions: Iterable[Event], visible: BoolArray) -> list[Event]:

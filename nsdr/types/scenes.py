@@ -1,15 +1,15 @@
 """What happens in a video: events, motion, and the scene that programs run on."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
 from nsdr.types.arrays import ArrayHolder
-from nsdr.types.events import Event, event_sentence, in_order
-from nsdr.types.tracks import SceneObject, check_objects
+from nsdr.types.events import Event, event_sentence, in_order, visible_by
+from nsdr.types.tracks import SceneObject, check_objects, find_object, object_of
 from nsdr.validation import (
     Array,
     BoolArray,
@@ -21,6 +21,11 @@ from nsdr.validation import (
     Share,
     expect,
 )
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.physics_constants import VIDEO_FRAMES
+
+EventSource = Event | tuple[Any, ...]
+"""An event, or its kind, frame and objects; see `Scene.of`."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,13 @@ class Rollout(ArrayHolder):
             expect(fits, "Rollout.collisions", f"collisions of two of the {n} objects at a frame", event)
         for event in (d.event for d in self.uncertain or ()):
             expect(event.objects[-1] < n, "Rollout.uncertain", f"events of the {n} objects", event)
+
+    def pixels(self, camera: Camera = CLEVRER_CAMERA) -> FloatArray:
+        """Where the objects' centres are in the image: (n_objects, F, 2) float, (column, row) (pixels).
+
+        They may lie outside of the image; NaN where the position is not known, or behind the camera.
+        """
+        return camera.pixels(self.location_world)
 
 
 def yaws(rollout: Rollout) -> FloatArray:
@@ -199,6 +211,57 @@ class Scene(ArrayHolder):
             in_time = {removed: in_order(events) for removed, events in counterfactual.items()}
             object.__setattr__(self, "counterfactual", MappingProxyType(in_time))
 
+    @classmethod
+    def of(
+        cls,
+        objects: Sequence[str],
+        events: Sequence[EventSource] = (),
+        n_frames: int = VIDEO_FRAMES,
+        predicted: Sequence[EventSource] | None = None,
+        counterfactual: Mapping[str | int, Sequence[EventSource]] | None = None,
+        visible: BoolArray | None = None,
+        moving: BoolArray | None = None,
+    ) -> "Scene":
+        """A scene written by hand. What is left out is not known, and questions that need it are refused.
+
+            >>> scene = nsdr.Scene.of(
+            ...     ["red metal cube", "blue rubber sphere"],
+            ...     [("in", 10, "sphere"), ("collision", 30, "red cube", "blue sphere")],
+            ... )
+            >>> nsdr.Executor(scene).answer("count(filter_collision(events, objects))").answer
+            1
+
+        Args:
+            objects: color, material and shape of each object.
+            events: what happens: an `Event`, or its kind ("in", "out" or "collision"), its frame, and its objects by words that
+                only one object has, or by ids.
+            n_frames: number of frames of the video.
+            predicted: collisions after the video, like `events`.
+            counterfactual: collisions without an object, by that object.
+            visible, moving: see `Scene`. With `visible` None, an object is in the image except before it enters and after it
+                exits.
+
+        Raises:
+            DataError: words that no object can have, or that fit no or several objects of the scene; or see `Scene`.
+        """
+        found = tuple(object_of(i, words) for i, words in enumerate(objects))
+
+        def listed(given: Sequence[EventSource]) -> tuple[Event, ...]:
+            return tuple(e if isinstance(e, Event) else _event_of(found, e) for e in given)
+
+        observed = listed(events)
+        return cls(
+            found,
+            n_frames,
+            visible_by(observed, len(found), n_frames) if visible is None else visible,
+            moving,
+            observed,
+            None if predicted is None else listed(predicted),
+            None
+            if counterfactual is None
+            else {find_object(found, one): listed(given) for one, given in counterfactual.items()},
+        )
+
     def describe(self, event: Event) -> str:
         """An event with the names of its objects, such as "red metal cube enters (frame 12)"."""
         return event_sentence(event, [o.name for o in self.objects])
@@ -207,6 +270,14 @@ class Scene(ArrayHolder):
         head = f"{self.n_frames} frames, {len(self.objects)} objects"
         objects = (f"  object {o.id}: {o.name}" for o in self.objects)
         return "\n".join([head, *objects, *(f"  {self.describe(event)}" for event in self.events)])
+
+
+def _event_of(objects: Sequence[SceneObject], source: Sequence[Any]) -> Event:
+    """An event from its kind, its frame, and its objects by words or ids, in any order."""
+    fits = isinstance(source, tuple | list) and len(source) > 2
+    expect(fits, "event", "its kind, frame and objects, such as ('in', 12, 'red cube')", source)
+    kind, frame, *who = source
+    return Event(kind, frame, tuple(sorted(find_object(objects, one) for one in who)))
 
 
 def _check_world(owner: str, world: DynamicsPrediction | Scene) -> None:

@@ -6,10 +6,11 @@ from typing import Annotated
 
 import numpy as np
 
+from nsdr.errors import DataError
 from nsdr.types.arrays import ArrayHolder
-from nsdr.validation import Array, Checked, Count, FloatArray, IntArray, PositiveCount, expect, one_of
-from nsdr.world.camera import CLEVRER_CAMERA, Camera
-from nsdr.world.vocabulary import COLORS, MATERIALS, N_ATTRIBUTE_TRIPLES, SHAPES
+from nsdr.validation import Array, BoolArray, Checked, Count, FloatArray, IntArray, PositiveCount, expect, one_of
+from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, N_ATTRIBUTE_TRIPLES, SHAPES, attributes_of
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,38 @@ def check_objects(owner: str, objects: Sequence[SceneObject]) -> None:
     """Raise `DataError` unless the objects have the ids 0, 1, ... in order."""
     ids = [o.id for o in objects]
     expect(ids == list(range(len(ids))), f"{owner}: object ids", f"0 to {len(ids) - 1} in order", ids)
+
+
+def object_of(number: int, words: str) -> SceneObject:
+    """The object with an id and words in any order, such as "red metal cube".
+
+    Raises:
+        DataError: the words are not one color, one material and one shape.
+    """
+    given = words.lower().removeprefix("the ").split()
+    found = [[word for word in given if word in known] for known in ATTRIBUTES.values()]
+    fits = len(given) == len(found) and all(len(of_one) == 1 for of_one in found)
+    expect(fits, "object", "color, material and shape, such as 'red metal cube'", words)
+    return SceneObject(number, *(word for (word,) in found))
+
+
+def find_object(objects: Sequence[SceneObject], wanted: str | int) -> int:
+    """The id of the object that is given by words or by its id.
+
+    Raises:
+        DataError: no object fits, or several do; the message lists the objects.
+    """
+    known = ", ".join(f"{o.id} {o.name}" for o in objects)
+    if not isinstance(wanted, str):
+        if wanted in range(len(objects)) and not isinstance(wanted, bool):
+            return int(wanted)
+        raise DataError(f"object {wanted}: expected an id of the scene's objects: {known}")
+    words = set(wanted.lower().removeprefix("the ").split())
+    fitting = [o.id for o in objects if words and words <= set(o.name.split())]
+    if len(fitting) == 1:
+        return fitting[0]
+    found = "no object fits" if not fitting else f"{len(fitting)} objects fit; add words or give the id"
+    raise DataError(f"{wanted!r}: {found}; the objects by id: {known}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,6 +112,23 @@ class VideoProposals(ArrayHolder):
     def __len__(self) -> int:
         return len(self.frame_index)
 
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Of each of the N detections what was recognised, such as "red rubber cube"."""
+        return tuple(" ".join(attributes_of(i)) for i in self.attribute.tolist())
+
+    def mask(self, i: int) -> BoolArray:
+        """The mask of detection `i`: (320, 480) bool, true where the object is seen.
+
+        Raises:
+            DataError: the proposals have no masks.
+        """
+        if self.masks is None:
+            raise DataError("the proposals have no masks, only their numbers")
+        from pycocotools import mask as rle
+
+        return np.asarray(rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": self.masks[i]}), np.bool_)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Track(ArrayHolder):
@@ -88,9 +138,9 @@ class Track(ArrayHolder):
         object: identity.
         frame_index: (T,) int, ascending frames in which it was detected.
         location_world: (T, 2) float, ground-plane position (x, y) of its centre (world units).
-        centroid_px: (T, 2) float, as in `VideoProposals`.
-        box_xyxy_px: (T, 4) int, as in `VideoProposals`.
-        score: (T,) float, as in `VideoProposals`.
+        centroid_px: (T, 2) float, mean (column, row) of the pixels that are seen of it (pixels).
+        box_xyxy_px: (T, 4) int, its bounding box (left, top, right, bottom), end exclusive (pixels).
+        score: (T,) float in 0-1, confidence of the detector.
     """
 
     object: SceneObject
@@ -130,6 +180,22 @@ class VideoTracks(Checked):
         check_objects("VideoTracks", [t.object for t in self.tracks])
         for t in self.tracks:
             _check_frames(f"Track {t.object.id}.frame_index", t.frame_index, self.n_frames)
+
+    @property
+    def centroid_px(self) -> FloatArray:
+        """Where the objects are seen: (n_objects, n_frames, 2) float, (column, row) (pixels); NaN without a detection."""
+        return self._by_frame("centroid_px", 2)
+
+    @property
+    def box_xyxy_px(self) -> FloatArray:
+        """Boxes of the objects: (n_objects, n_frames, 4) float, left, top, right, bottom (pixels); NaN without a detection."""
+        return self._by_frame("box_xyxy_px", 4)
+
+    def _by_frame(self, name: str, width: int) -> FloatArray:
+        found = np.full((len(self.tracks), self.n_frames, width), np.nan)
+        for row, t in zip(found, self.tracks, strict=True):
+            row[t.frame_index] = getattr(t, name)
+        return found
 
 
 def _check_frames(place: str, frames: IntArray, n_frames: int | None = None, repeated: bool = True) -> None:

@@ -105,8 +105,15 @@ class Camera:
         return np.asarray((np.asarray(location_world, float) - np.array(self.eye_world)) @ self.axes[2])
 
     def pixels(self, location_world: ArrayLike) -> FloatArray:
-        """World (..., 3) -> pixels (..., 2) as (column, row); NaN for points behind the camera."""
+        """World points -> pixels (..., 2) as (column, row); NaN for points behind the camera.
+
+        Args:
+            location_world: points (..., 3) as (x, y, z); or positions on the ground (..., 2) as (x, y), which stand for the
+                centres of objects there, `OBJECT_RADIUS_WORLD` high, so that `ground` is the inverse (world units).
+        """
         xyz = np.asarray(location_world, float)
+        if xyz.shape[-1:] == (2,):
+            xyz = on_ground(xyz)
         homogeneous = xyz @ self.matrix[:, :3].T + self.matrix[:, 3]
         depth = homogeneous[..., 2:]
         return homogeneous[..., :2] / np.where(depth > 0, depth, np.nan)

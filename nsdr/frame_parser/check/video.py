@@ -23,6 +23,7 @@ from nsdr.frame_parser.check.reasons import (
 )
 from nsdr.frame_parser.check.shots import first_frames, first_shot, until_cut
 from nsdr.io.decoding import RATES, check_is_video
+from nsdr.io.images import Frames, Video, VideoSource, video_of
 from nsdr.io.notes import Note, as_warnings
 from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
 from nsdr.validation import FloatArray, PositiveCount, Settings
@@ -83,22 +84,17 @@ class VideoCheck:
         return "refused" if self.refused else "warned" if self.warned else "in"
 
 
-def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoCheck:
-    """Look at a video's first seconds.
+def check_video(path: VideoSource, config: VideoConfig | None = None) -> VideoCheck:
+    """Look at the first seconds of a video: a file, or frames as `nsdr.io.images.video_of` takes them.
 
     Raises:
         VideoError: the file cannot be read, or the video is "refused" and the configuration wants an error.
         DataError: the background of the configuration cannot be read.
     """
-    path, config = Path(path), config or VideoConfig()
+    path, config = video_of(path), config or VideoConfig()
     if config.check == "off":
         return VideoCheck()
-    check_is_video(path)
-    files = [path, *(sorted(path.iterdir()) if path.is_dir() else ())]
-    if Path(config.background).is_file():
-        files.append(Path(config.background))
-    state = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files)
-    found = _looked_at(path, state, config.background, config.fps)
+    found = _found_in(path, config)
     if found.kind == "refused" and config.check == "refuse":
         raise VideoError(
             f"{path}: not a video of CLEVRER's scene: {'; '.join(found.refused)}. Expected: its grey ground, lamps and "
@@ -108,8 +104,20 @@ def check_video(path: str | Path, config: VideoConfig | None = None) -> VideoChe
     return found
 
 
+def _found_in(path: Video, config: VideoConfig) -> VideoCheck:
+    """The check of a video; that of a file is kept while it is the same."""
+    if isinstance(path, Frames):
+        return _look_at(path, config.background, config.fps)
+    check_is_video(path)
+    files = [path, *(sorted(path.iterdir()) if path.is_dir() else ())]
+    if Path(config.background).is_file():
+        files.append(Path(config.background))
+    state = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    return _looked_at(path, state, config.background, config.fps)
+
+
 def clip_frames(
-    path: str | Path,
+    path: VideoSource,
     config: VideoConfig | None = None,
     beyond_cuts: bool = False,
     late: list[float] | None = None,
@@ -118,7 +126,7 @@ def clip_frames(
     """The frames (H, W, 3) of `nsdr.io.video.read_frames` that are processed: checked, without padding, up to the first cut.
 
     Args:
-        path: video file.
+        path: a video file, or frames as `nsdr.io.images.video_of` takes them.
         config: what is expected; None for CLEVRER's videos.
         beyond_cuts: whether frames after a cut are processed, too: where objects jump, a video may seem to have one.
         late: see `nsdr.io.video.read_frames`.
@@ -127,7 +135,8 @@ def clip_frames(
     Raises:
         VideoError, DataError: as in `check_video`, or no frame shows anything; before the first frame.
     """
-    config, note = config or VideoConfig(), note or as_warnings(path)
+    path, config = video_of(path), config or VideoConfig()
+    note = note or as_warnings(path)
     check = check_video(path, config)
     for reason in (*check.refused, *check.warned):
         note(reason)
@@ -150,7 +159,7 @@ def _corrected(frames: Iterator[NDArray[np.uint8]], levels: NDArray[np.uint8]) -
 
 
 def _without_empty_start(
-    frames: Iterator[NDArray[np.uint8]], path: str | Path, late: list[float] | None, note: Note
+    frames: Iterator[NDArray[np.uint8]], path: Video, late: list[float] | None, note: Note
 ) -> Iterator[NDArray[np.uint8]]:
     empty = 0
     for frame in frames:
@@ -175,7 +184,11 @@ def _is_empty(frame: NDArray[Any]) -> bool:
 
 @lru_cache(maxsize=64)
 def _looked_at(path: Path, _state: tuple[tuple[Path, int, int], ...], background: str, fps: float) -> VideoCheck:
-    """The check of a video; kept while its files are the same."""
+    """`_look_at` a file; kept while its files are the same."""
+    return _look_at(path, background, fps)
+
+
+def _look_at(path: Video, background: str, fps: float) -> VideoCheck:
     known = [read_background(background)] if background else list(references().values())
     return look(sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES, fps), known)
 
