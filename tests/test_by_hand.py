@@ -1,16 +1,21 @@
 """What a researcher touches in Python: what is printed, scenes and programs by hand, pixels, frames, and parts of their own."""
 
+import warnings
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import nsdr
 from nsdr.clevrer.example import TRUTH, VIDEO
 from nsdr.clevrer.files.proposals import proposals_from_masks
+from nsdr.dynamics import StoredExplanation
+from nsdr.io.video import read_video
 from nsdr.types.answers import ChoiceAnswer
 from nsdr.types.events import enter_exit_events
+from nsdr.world.physics_constants import horizon_frame
 
 
 @pytest.fixture(scope="module")
@@ -303,3 +308,98 @@ def test_a_wrong_result_of_ones_own_part_is_refused_in_words(scene: nsdr.Scene) 
 
     with pytest.raises(nsdr.DataError, match=r"Rolls\.run returned a dict; expected an nsdr\.Rollout"):
         bare_pipeline(dynamics=Explains()).perceive(tracks=seen())
+
+
+@pytest.fixture(scope="module")
+def frames() -> np.ndarray:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return read_video(VIDEO)
+
+
+class Keeps:
+    """A frame parser that keeps what it is given."""
+
+    def parse(self, frames, progress: bool = False) -> nsdr.VideoProposals:
+        self.frames = list(frames)
+        mask = np.zeros((320, 480), bool)
+        mask[140:180, 220:260] = True
+        rows = [(f, ("red", "metal", "cube"), 0.99, mask) for f in range(len(self.frames))]
+        return proposals_from_masks(len(self.frames), rows)
+
+
+def test_a_video_is_a_path_an_array_or_images(frames: np.ndarray) -> None:
+    images = [Image.fromarray(frame) for frame in frames]
+    for video in (VIDEO, str(VIDEO), frames, list(frames), images, iter(images)):
+        parser = Keeps()
+        pipeline = bare_pipeline(frame_parser=parser, dynamics=Stands())
+        perception = pipeline.perceive(video)
+        assert isinstance(perception.explanation, StoredExplanation)
+        assert np.array_equal(parser.frames, frames)
+        assert perception.scene.notes == perception.tracks.notes
+
+
+def test_frames_of_another_size_are_scaled_with_a_note(frames: np.ndarray) -> None:
+    large = [Image.fromarray(frame).resize((960, 640)) for frame in frames[:40]]
+    parser = Keeps()
+    pipeline = bare_pipeline(frame_parser=parser, dynamics=Stands())
+    scene = pipeline.scene(large)
+    assert parser.frames[0].shape == (320, 480, 3)
+    assert np.abs(parser.frames[0].astype(int) - frames[0]).mean() < 3
+    assert "960x640 px, resized to 480x320" in scene.notes
+    assert "40 frames, CLEVRER's videos have 128" in scene.notes
+    assert pipeline.answer(large, "How many objects are there?").answer == 1
+    kept = parser.frames
+    pipeline.scene(large)  # perceived once for each content
+    assert parser.frames is kept
+
+
+@pytest.mark.parametrize(
+    ("video", "reason"),
+    [
+        ([], "no frames to parse: expected at least 1"),
+        (3, "expected a video's path or its frames, got a int"),
+        (
+            np.zeros((2, 320, 480, 3)),
+            r"frame 0: expected an image or an array .* of uint8, .* got \(320, 480, 3\) float64",
+        ),
+        (np.zeros((320, 480, 3), np.uint8), r"got \(480, 3\) uint8"),
+        ([np.zeros((4, 6, 3), np.uint8), np.zeros((4, 5, 3), np.uint8)], r"frame 1: expected \(4, 6, 3\) as the first"),
+        (["a.png"], "frame 0: expected an image or an array"),
+    ],
+)
+def test_what_is_no_video_is_refused(video, reason) -> None:
+    with pytest.raises(nsdr.DataError, match=reason):
+        bare_pipeline(frame_parser=Keeps()).perceive(video)
+
+
+def test_frames_that_are_not_of_clevrers_scene_are_refused() -> None:
+    black = np.zeros((30, 320, 480, 3), np.uint8)
+    with pytest.raises(
+        nsdr.VideoError, match="30 frames in memory: not a video of CLEVRER's scene: the background is black"
+    ):
+        bare_pipeline(frame_parser=Keeps()).perceive(black)
+
+
+def test_a_frame_parser_takes_what_a_pipeline_takes(frames: np.ndarray) -> None:
+    parser = nsdr.FrameParser.from_pretrained(device="cpu")
+    few = frames[:2]
+    found = parser.parse(few)
+    assert len(found) > 0
+    assert parser.parse([Image.fromarray(frame) for frame in few]) == found
+    large = parser.parse([Image.fromarray(frame).resize((960, 640)) for frame in few])
+    assert large.n_frames == 2
+    assert "960x640 px, resized to 480x320" in large.notes
+    assert set(large.words) == set(found.words)
+    streamed = parser.parse(iter(few))
+    assert (streamed.notes, replace(found, notes=())) == ((), streamed)
+
+
+class Stands:
+    """A backend after which nothing moves."""
+
+    def explain(self, states, collisions=None):
+        total = horizon_frame(states.n_frames) + 1
+        location = np.repeat(states.location_world[:, :1], total, 1)
+        rollout = nsdr.Rollout(location, np.ones(location.shape[:2], bool), ())
+        return StoredExplanation(nsdr.DynamicsPrediction(states.objects, states.n_frames, rollout))

@@ -243,7 +243,7 @@ def check_is_video(path: Video) -> None:
     if head.startswith(b"PK"):
         raise VideoError(f"{path}: is an archive (ZIP or NPZ); expected a video")
     if path.suffix == ".json":
-        remedy = "questions can be asked about a saved scene, and nsdr.load(nsdr.Scene, path) reads it"
+        remedy = "questions can be asked about a saved scene, and nsdr.load(path) reads it"
         raise VideoError(f"{path}: is a JSON file; expected a video ({remedy})")
     if _is_text(head):
         raise VideoError(f"{path}: is a text file; expected a video")

@@ -35,7 +35,7 @@ UNREADABLE = (
 """What Pillow raises about damaged files."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frames:
     """A video in memory. As a text it is what messages call it.
 
@@ -45,7 +45,7 @@ class Frames:
 
     images: tuple[NDArray[np.uint8], ...]
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return f"{len(self.images)} frames in memory"
 
 
