@@ -27,6 +27,7 @@ from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.pipeline import Pipeline
 from nsdr.types import Track, VideoTracks
 from nsdr.types.interventions import intervention_text
+from nsdr.types.tracks import find_object
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 
 from .test_physics import bodies, run
