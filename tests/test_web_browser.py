@@ -171,7 +171,7 @@ def test_the_keyboard_reaches_everything_without_an_error(visit: Callable[[], An
         page.get_by_role("tab", name=tab).click()
         for _ in range(45):
             page.keyboard.press("Tab")
-            visited.add(page.evaluate("document.activeElement.closest('[id]').id"))
+            visited.add(page.evaluate("document.activeElement.closest('[id]')?.id ?? ''"))
         page.wait_for_timeout(1000)
     assert {"upload", "ask", "suggested-0", "suggested-1", "suggested-2", "simulate"} <= visited
     assert page.locator(".toast-body").count() == 0
