@@ -237,7 +237,7 @@ def test_choices_are_texts_or_programs(scene: nsdr.Scene) -> None:
 
 def test_a_saved_scene_is_asked_about_by_its_path(scene: nsdr.Scene, tmp_path) -> None:
     pipeline = bare_pipeline()
-    nsdr.save(scene, tmp_path / "scene.json")
+    nsdr.save(tmp_path / "scene.json", scene)
     assert pipeline.answer(tmp_path / "scene.json", "How many collisions happen?").answer == 4
     assert pipeline.answer(str(TRUTH), "How many collisions happen?").answer == 4
     with pytest.raises(nsdr.DataError, match="no such file"):

@@ -151,7 +151,7 @@ def test_a_clip_too_short_for_any_object_is_told_so(pipeline: Pipeline, n_frames
 
 def test_choices_missing_or_too_many(pipeline: Pipeline, example_scene: Scene) -> None:
     with pytest.raises(QuestionError, match="give choices with it"):
-        pipeline.answer(example_scene, "What will happen if the cube is removed?")
+        pipeline.answer(example_scene, "Which of these is responsible for the purple cube's exit?")
     with pytest.raises(QuestionError, match="give choices with it"):
         pipeline.answer(example_scene, program="unseen_events belong_to")
     with pytest.raises(QuestionError, match="ask it without choice programs"):
