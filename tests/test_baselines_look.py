@@ -76,7 +76,7 @@ def test_the_other_video_of_a_pair_gets_the_other_answer(name: str, folder, tmp_
     )  # fmt: skip
     trained = TrainedBaseline.from_pretrained(train_baseline(config))
     features = FeatureCache(path, trained.network.needs) if sees else None
-    given = [answers[0].answer for _, answers in trained.answer_questions(others, features)]
+    given = [answers[0].text for _, answers in trained.answer_questions(others, features)]
     right = sum(answer == scene.questions[0].answer for answer, scene in zip(given, others, strict=True))
     if sees:
         assert right >= 2 * PAIRS - 2

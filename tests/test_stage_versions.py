@@ -107,7 +107,7 @@ def _question_parser() -> Any:
 
 def _symbolic() -> Any:
     executor = nsdr.Executor(nsdr.load(TRUTH))
-    return [executor.answer(program).answer for _, kind, program in _texts() if kind == "descriptive"]
+    return [executor.answer(program).text for _, kind, program in _texts() if kind == "descriptive"]
 
 
 def _generate() -> Any:
