@@ -12,6 +12,7 @@ import nsdr
 from nsdr.clevrer.example import TRUTH, VIDEO
 from nsdr.clevrer.files.proposals import proposals_from_masks
 from nsdr.dynamics import StoredExplanation
+from nsdr.io.images import video_of
 from nsdr.io.video import read_video
 from nsdr.types.answers import ChoiceAnswer
 from nsdr.types.events import enter_exit_events
@@ -231,6 +232,8 @@ def test_choices_are_texts_or_programs(scene: nsdr.Scene) -> None:
     text = "The brown cylinder collides with the brown metal sphere"
     judged = bare_pipeline().answer(scene, "What will happen next?", [text, program])
     assert judged.answer == (text, program)
+    (wrong,) = bare_pipeline().answer(scene, "What will happen next?", ["objects"]).choices
+    assert "objects" in wrong.error
     alone = nsdr.Executor(scene).answer_choices("belong_to(unseen_events)", [program])
     assert alone.answer == str(nsdr.Program.parse(program))
 
@@ -371,6 +374,19 @@ def test_frames_of_another_size_are_scaled_with_a_note(frames: np.ndarray) -> No
 def test_what_is_no_video_is_refused(video, reason) -> None:
     with pytest.raises(nsdr.DataError, match=reason):
         bare_pipeline(frame_parser=Keeps()).perceive(video)
+
+
+def test_frames_of_a_generator_may_share_memory() -> None:
+    def shared():
+        buffer = np.zeros((4, 6, 3), np.uint8)
+        for level in (1, 2):
+            buffer[:] = level
+            yield buffer
+
+    assert [int(frame.max()) for frame in video_of(shared()).images] == [1, 2]
+    one = np.ones((4, 6, 3), np.uint8)
+    first, second = video_of([one, one]).images
+    assert first is second
 
 
 def test_frames_that_are_not_of_clevrers_scene_are_refused() -> None:

@@ -71,13 +71,13 @@ def video_of(source: VideoSource) -> Video:
     if not isinstance(source, Iterable):
         raise DataError(f"expected a video's path or its frames, got a {type(source).__name__}")
     images: list[NDArray[np.uint8]] = []
-    last = None
+    last, is_stream = None, isinstance(source, Iterator)
     for number, image in enumerate(source):
-        if image is last:  # a repeated frame stays one array
+        if image is last and not is_stream:  # a repeated frame stays one array
             images.append(images[-1])
             continue
         last = image
-        array = np.asarray(image.convert("RGB") if isinstance(image, Image.Image) else image)
+        array = np.array(image.convert("RGB") if isinstance(image, Image.Image) else image, copy=is_stream or None)
         if array.dtype != np.uint8 or array.ndim != 3 or array.shape[-1] != 3 or not array.size:
             expected = "an image or an array (height, width, 3) of uint8, RGB from 0 to 255"
             raise DataError(f"frame {number}: expected {expected}, got {array.shape} {array.dtype}")

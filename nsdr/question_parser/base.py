@@ -8,7 +8,7 @@ from nsdr.errors import EndpointError, NsdrError, ProgramError, QuestionError
 from nsdr.io.registry import checked_result
 from nsdr.question_parser.suggestions import QUESTION_KINDS, nearest_questions
 from nsdr.symbolic import Program
-from nsdr.symbolic.program import TOLD_KINDS, ProgramSource
+from nsdr.symbolic.program import CHOICE_KINDS, SAID_KINDS, TOLD_KINDS, ProgramSource
 from nsdr.types import Scene
 
 
@@ -109,7 +109,9 @@ def read_programs(
 def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Program | QuestionError:
     """The program that the text is or stands for; or why it has none, and the nearest texts that have one."""
     with suppress(ProgramError):
-        return Program.parse(text)
+        program = Program.parse(text)
+        if program.result in (CHOICE_KINDS if kind == "choice" else SAID_KINDS):
+            return program
     try:
         return checked_result(parser.parse(text, kind), Program, parser, "parse")
     except QuestionError as e:
