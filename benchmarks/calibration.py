@@ -1,7 +1,7 @@
 """Are probabilities right? Of statements given p, a share p should be true: reliability diagrams and calibration errors.
 
-`nsdr evaluate … --output REPORT.json --cache SCENES` gives the answers and the scenes; `nsdr predict-dynamics PROPOSALS
--o SCENES --form scenes` gives scenes without questions. Their collisions are compared with the truth: a compact `truth.json.gz`
+`nsdr evaluate … --output REPORT.json --cache SCENES` gives the answers and the scenes; `nsdr parse PROPOSALS
+-o SCENES` gives scenes without questions. Their collisions are compared with the truth: a compact `truth.json.gz`
 (observed collisions), or a folder of `truth_N.json` of generated videos (also those after the video and without each object).
 
 `python -m benchmarks.calibration --report REPORT.json --scenes SCENES --truth TRUTH -o results/calibration`

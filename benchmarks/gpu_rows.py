@@ -120,7 +120,7 @@ class Setting:
                 nsdr("data", "motion", root, "--split", "train", "-o", folder / "motion")
                 proposals = ["--proposals", root / "derender_proposals", "--every", 8]
                 nsdr("data", "frames", root / "videos", *proposals, "-o", folder / "frames")
-                nsdr("extract-features", "--from", "truth", "--root", root, "-o", folder / "features")
+                nsdr("data", "features", "--from", "truth", "--root", root, "-o", folder / "features")
         return folder
 
     def videos(self) -> Split:

@@ -108,8 +108,10 @@ def commands(data: Path, videos: int, count: int) -> dict[str, Command]:
         "train frame-parser": training(
             *("frame-parser", "--frames", f"{data}/frames", "--model", network, "--evaluation_frames", "2")
         ),
-        "predict-dynamics": work("video", "predict-dynamics", f"{root}/derender_proposals", "-o", "out"),
-        "parse-videos": work("video", "parse-videos", f"{root}/videos", "-o", "out", "--set", "stride=16"),
+        "parse (proposals)": work(
+            *("video", "parse", f"{root}/derender_proposals", "-o", "out", "--form", "predictions"),
+        ),
+        "parse (videos)": work("video", "parse", f"{root}/videos", "-o", "out", "--set", "stride=16"),
         "evaluate --root": work(
             *("scene", "evaluate", "--root", str(root), "--source", "proposals", "--programs", "gold"),
             *("--cache", "out/scenes", "-o", "out/out.json", "--keep-going"),

@@ -129,7 +129,7 @@ def commands() -> str:
         proposals.mkdir()
         scenes.mkdir()
         first = proposals / f"proposal_{number}.json"
-        run_nsdr("parse-video", VIDEO, "-o", folder / "scene.json", "--proposals-out", first)
+        run_nsdr("parse", VIDEO, "-o", folder / "scene.json", "--proposals-out", first)
         shutil.copy(first, proposals / "proposal_00000.json")
         shutil.copy(TRUTH, scenes / f"scene_{number}.json")
         answer = ("answer", VIDEO, "-q", "How many collisions happen?")
@@ -138,10 +138,10 @@ def commands() -> str:
             "answer": answer,
             "answer --dynamics propnet": (*answer, "--dynamics", "propnet"),
             "answer --dynamics propnet_patches": (*answer, "--dynamics", "propnet_patches"),
-            "predict-dynamics (2 videos, 2 workers)": ("predict-dynamics", proposals, "-o", out, "--workers", "2"),
+            "parse (proposals of 2 videos, 2 workers)": ("parse", proposals, "-o", out, "--workers", "2"),
             "evaluate --source scenes (1 video)": (*evaluate, "scenes", "--data", scenes),
             "evaluate --source proposals (1 video)": (*evaluate, "proposals", "--data", proposals),
-            "parse-question": ("parse-question", answer[-1]),
+            "program": ("program", answer[-1]),
         }
         for command, arguments in timed.items():
             seconds = []

@@ -66,9 +66,9 @@ $(ASKED):
 	$(NSDR) generate dataset --config configs/generate/baselines.yaml -o $(@D) $(FEW)
 
 $(WEIGHTS)/baselines/truth/%/baseline.json: $(ASKED)
-	$(NSDR) extract-features --from truth --root $(<D) -o $(WEIGHTS)/truth_features
+	$(NSDR) data features --from truth --root $(<D) -o $(WEIGHTS)/truth_features
 	$(call run,baseline,baselines/small/$*,baselines/truth_$*,--output $(@D) --features $(WEIGHTS)/truth_features $(QUESTIONS))
 
 $(WEIGHTS)/baselines/pixels/%/baseline.json: $(ASKED)
-	$(NSDR) extract-features --config configs/baselines/features.yaml --root $(<D) -o $(WEIGHTS)/pixel_features
+	$(NSDR) data features --config configs/baselines/features.yaml --root $(<D) -o $(WEIGHTS)/pixel_features
 	$(call run,baseline,baselines/small/$*,baselines/pixels_$*,--output $(@D) --features $(WEIGHTS)/pixel_features --recolor false $(QUESTIONS))

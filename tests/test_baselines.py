@@ -85,7 +85,7 @@ def scenes() -> list[SceneQuestions]:
 
 @pytest.fixture
 def folder(tmp_path):
-    """Features of videos 10 to 15, whose sign tells even from odd ones, in the form of `nsdr extract-features`."""
+    """Features of videos 10 to 15, whose sign tells even from odd ones, in the form of `nsdr data features`."""
     path, rng = tmp_path / "features", np.random.default_rng(0)
     shapes = {
         "pooled": (FRAMES, CHANNELS),

@@ -26,7 +26,7 @@ def test_answer_from_a_saved_scene(capsys) -> None:
 def test_answer_from_what_save_wrote(capsys, tmp_path) -> None:
     save(tmp_path / "scene.json", load(TRUTH, Scene))
     assert run(capsys, "answer", tmp_path / "scene.json", "-q", "How many collisions happen?")[:2] == (0, "4\n")
-    execute = ("execute", "--scene", tmp_path / "scene.json", "--program", "objects count")
+    execute = ("program", "objects count", "--run", tmp_path / "scene.json")
     assert run(capsys, *execute)[:2] == (0, "6\n")
 
 
@@ -41,7 +41,7 @@ def test_notes_are_lines_of_stderr_or_stand_in_the_json(capsys, tmp_path, small_
     found = capsys.readouterr()
     assert json.loads(found.out)["notes"] == ["darker than usual", "read 'spheers' as 'spheres'"]
     assert found.err == ""
-    assert main(["parse-question", "How many spheers are there?"]) == 0
+    assert main(["program", "How many spheers are there?"]) == 0
     assert capsys.readouterr().err == "note: read 'spheers' as 'spheres'\n"
 
 
@@ -106,18 +106,18 @@ def test_a_refused_question_offers_the_nearest_ones_about_the_scene(capsys) -> N
     _, _, err = run(capsys, "answer", TRUTH, "-q", "How many zebras enter before the purple cube?")
     assert "; the nearest questions: " in err
     assert " enter the scene before the purple cube enters the scene? | " in err
-    _, _, err = run(capsys, "parse-question", "How many big cubes are there?")
+    _, _, err = run(capsys, "program", "How many big cubes are there?")
     assert "(understood: How many cubes are there; the word 'big' was not used)" in err
-    _, _, err = run(capsys, "parse-question", "How many zebras enter?")
+    _, _, err = run(capsys, "program", "How many zebras enter?")
     assert "; the nearest questions: How many cubes enter the scene? | " in err
 
 
 def test_programs_that_list_events_or_give_a_frame(capsys) -> None:
-    code, out, _ = run(capsys, "execute", "--scene", TRUTH, "--program", "unseen_events")
+    code, out, _ = run(capsys, "program", "unseen_events", "--run", TRUTH)
     assert (code, out) == (0, "the brown metal cylinder and the brown metal sphere collide (about frame 141)\n")
-    _, out, _ = run(capsys, "execute", "--scene", TRUTH, "--program", "events objects filter_in")
+    _, out, _ = run(capsys, "program", "events objects filter_in", "--run", TRUTH)
     assert out == "the purple metal cube enters (frame 25)\nthe brown metal sphere enters (frame 112)\n"
-    _, out, _ = run(capsys, "execute", "--scene", TRUTH, "--program", "events objects filter_out unique get_frame")
+    _, out, _ = run(capsys, "program", "events objects filter_out unique get_frame", "--run", TRUTH)
     assert out == "frame 118\n"
 
 
@@ -129,13 +129,13 @@ def test_programs_that_list_events_or_give_a_frame(capsys) -> None:
         ["answer", ".", "-q", "How many collisions happen?"],
         ["answer", VIDEO, "-q", " "],
         ["answer", VIDEO, "-q", "What will happen next?", "-c", ""],
-        ["parse-question", ""],
-        ["parse-question", "Who?", "--kind", "any"],
+        ["program", ""],
+        ["program", "Who?", "--kind", "any"],
         ["answer", QUESTIONS, "-q", "How many collisions happen?"],
         ["answer", VIDEO, "-q", "How many collisions happen?", "--dynamics", "none"],
         ["answer", VIDEO, "-q", "How many collisions happen?", "--set", "tracker.none=1"],
         ["answer", VIDEO, "-q", "How many collisions happen?", "--checkpoint", "none"],
-        ["parse-video", "none.mp4", "-o", "scene.json"],
+        ["parse", "none.mp4", "-o", "scene.json"],
         ["visualize", "none.mp4", "-o", "image.png"],
         ["visualize", VIDEO, "-o", "image.png", "-c", "the cube"],
     ],
@@ -150,7 +150,7 @@ def test_errors_that_need_no_weights_come_before_torch(arguments) -> None:
 
 def test_a_question_is_parsed_without_heavy_libraries() -> None:
     code = (
-        "import sys; from nsdr.cli.main import main; main(['parse-question', 'How many collisions happen?']); "
+        "import sys; from nsdr.cli.main import main; main(['program', 'How many collisions happen?']); "
         "sys.exit(str({'torch', 'cv2', 'numba', 'scipy', 'loky'} & set(sys.modules) or ''))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -169,7 +169,7 @@ def test_missing_arguments_are_named_as_the_help_names_them(capsys, arguments, n
 
 def test_parse_video_writes_scene_and_proposals(capsys, tmp_path) -> None:
     scene, proposals = (tmp_path / name for name in ("scene.json", "proposals.json"))
-    code, out, _ = run(capsys, "parse-video", VIDEO, "-o", scene, "--proposals-out", proposals)
+    code, out, _ = run(capsys, "parse", VIDEO, "-o", scene, "--proposals-out", proposals)
     assert code == 0
     assert "6 objects" in out
     assert "purple metal cube enters (frame " in out
@@ -180,16 +180,16 @@ def test_parse_video_writes_scene_and_proposals(capsys, tmp_path) -> None:
     document = json.loads(proposals.read_text())
     assert document["video_index"] == 500002
     assert len(document["frames"]) == 128
-    code, out, _ = run(capsys, "execute", "--scene", scene, "--program", "objects count")
+    code, out, _ = run(capsys, "program", "objects count", "--run", scene)
     assert (code, out) == (0, "6 (>99 %)\n")
 
 
 def test_parse_question(capsys) -> None:
-    code, out, _ = run(capsys, "parse-question", "What will happen without the red cube?")
+    code, out, _ = run(capsys, "program", "What will happen without the red cube?")
     assert code == 0
     assert out.strip() == "all_events objects red filter_color cube filter_shape unique get_counterfact belong_to"
-    assert run(capsys, "parse-question", "What will happen next?")[1] == "unseen_events belong_to\n"
-    _, _, error = run(capsys, "parse-question", "What will happen if the cube and the sphere are removed?")
+    assert run(capsys, "program", "What will happen next?")[1] == "unseen_events belong_to\n"
+    _, _, error = run(capsys, "program", "What will happen if the cube and the sphere are removed?")
     assert "without the cube" in error.lower() or "the cube is removed" in error
 
 
@@ -252,9 +252,9 @@ def _truth(folder):
         (["answer", TRUTH, "-q", "How many zebras enter the scene?"], "unknown word 'zebras'"),
         (["answer", TRUTH, "-q", "Which of these is responsible for the purple cube's exit?"], "give choices with it"),
         (["answer", TRUTH, "-q", "How many collisions happen?", "--checkpoint", "nowhere"], "no checkpoint 'nowhere'"),
-        (["execute", "--scene", QUESTIONS, "--program", "objects count"], "nothing that"),
-        (["execute", "--scene", TRUTH, "--program", "objects boggle"], "unknown module or word 'boggle'"),
-        (["parse-video", VIDEO, "-o", "scene.txt"], "expected a name ending in .json"),
+        (["program", "objects count", "--run", QUESTIONS], "nothing that"),
+        (["program", "objects boggle", "--run", TRUTH], "unknown module or word 'boggle'"),
+        (["parse", VIDEO, "-o", "scene.txt"], "expected a name ending in .json"),
         (["train", "everything"], "expected one of frame-parser, dynamics, collisions, question-parser"),
         (["train", "dynamics", "--config", "none.yaml"], "none.yaml"),
         (["evaluate", "--questions", "none.json", "--source", "videos", "--data", "."], "none.json: no such file"),
@@ -291,7 +291,7 @@ def test_debug_shows_the_traceback(capsys) -> None:
 def test_no_command_prints_help(capsys) -> None:
     code, out, _ = run(capsys)
     assert code == 2
-    assert "parse-video" in out
+    assert "parse" in out
 
 
 def test_demo(capsys, tmp_path) -> None:

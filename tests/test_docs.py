@@ -21,7 +21,7 @@ CODE = sorted((ROOT / "nsdr").rglob("*.py"))
 EXAMPLES = ("README.md", "docs/quickstart.md", "docs/interventions.md", "docs/agents.md", "docs/rewards.md")
 """Pages whose Python runs as it stands; that of docs/export.md and docs/plugins.md has tests of its own."""
 ANYWHERE = ("--field", "--from", "--help", "--keep-going", "-o")
-"""What is in no list of options: a placeholder, and what `generate` and `extract-features` read before their configuration."""
+"""What is in no list of options: a placeholder, and what `generate` and `data features` read before their configuration."""
 GUIDES = ("README.md", "docs/quickstart.md", "docs/interventions.md")
 """Pages whose commands run as they stand, with the demo's clip as VIDEO."""
 NEEDS_DATA = re.compile(r"…|[|\[]|\b[A-Z]{3,}\b|\.yaml")

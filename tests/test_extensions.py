@@ -343,10 +343,10 @@ def test_pipelines_answer_about_changed_objects_of_videos(known: Scene, parsers)
 
 def test_the_command_line_has_the_switch(capsys: pytest.CaptureFixture[str]) -> None:
     text = "How fast is the red cube when the video ends?"
-    assert main(["parse-question", text, "--extensions"]) == 0
+    assert main(["program", text, "--extensions"]) == 0
     assert capsys.readouterr().out.split() == f"{RED} {END} query_speed".split()
-    assert main(["parse-question", text]) == 2
-    assert main(["parse-question", text, "--extensions", "--question-parser", "network"]) == 2
+    assert main(["program", text]) == 2
+    assert main(["program", text, "--extensions", "--question-parser", "network"]) == 2
 
 
 @pytest.fixture(scope="module")

@@ -77,7 +77,7 @@ def test_the_command_writes_what_the_extractor_makes(videos, config, tmp_path, c
     settings = tmp_path / "features.yaml"
     fields = {"frames": 3, "image_size": [32, 48], "grid": [1, 3], "kinds": ["pooled", "maps"], "precision": "float32"}
     settings.write_text(json.dumps({"features": {"backbone": "resnet18", **fields}}))
-    arguments = ["extract-features", "--config", str(settings), "--root", str(videos), "-o", str(tmp_path / "out")]
+    arguments = ["data", "features", "--config", str(settings), "--root", str(videos), "-o", str(tmp_path / "out")]
     assert main([*arguments, "--workers", "1"]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'out'}: features of 2 videos\n"
     cache = FeatureCache(tmp_path / "out")
@@ -134,7 +134,7 @@ def test_a_killed_extraction_goes_on_where_it_stopped(videos, config, tmp_path, 
     missing = {3, 12} - {int(p.stem) for p in (tmp_path / "out").glob("*.safetensors")}
     assert len(missing) == 1
     with pytest.raises(
-        DataError, match=f"{missing.copy().pop():05d}.safetensors: no such file; run `nsdr extract-features`"
+        DataError, match=f"{missing.copy().pop():05d}.safetensors: no such file; run `nsdr data features`"
     ):
         FeatureCache(tmp_path / "out").get(missing.pop(), {"maps"})
     assert extract_features(run) == 2
@@ -165,7 +165,7 @@ def test_features_of_other_settings_are_refused(videos, config, tmp_path) -> Non
 
 def test_damaged_and_missing_files_are_named(videos, config, tmp_path) -> None:
     out = tmp_path / "out"
-    with pytest.raises(DataError, match="holds no features; `nsdr extract-features --root DATA"):
+    with pytest.raises(DataError, match="holds no features; `nsdr data features --root DATA"):
         FeatureCache(out)
     extract_features(FeatureExtraction(str(videos), str(out), features=config, workers=1))
     path = feature_file(out, 3)
@@ -286,7 +286,7 @@ def annotated(tmp_path_factory) -> Path:
 
 def test_truth_is_extracted_by_the_command_line(annotated, tmp_path, capsys) -> None:
     out = str(tmp_path / "out")
-    given = ["extract-features", "--from", "truth", "--root", str(annotated), "-o", out, "--workers", "1"]
+    given = ["data", "features", "--from", "truth", "--root", str(annotated), "-o", out, "--workers", "1"]
     assert main([*given, "--features.frames", "4"]) == 0
     assert "features of 2 videos" in capsys.readouterr().out
     cache = FeatureCache(out, {"maps"})
@@ -343,7 +343,7 @@ def test_features_of_proposals_are_those_of_the_truth_where_all_is_seen(tmp_path
     generate_dataset(
         DatasetConfig(str(tmp_path / "data"), 1, splits={"train": 1.0}, renderer="none", questions=None, workers=1)
     )
-    given = ["extract-features", "--root", str(tmp_path / "data"), "--workers", "1", "--features.frames", "13"]
+    given = ["data", "features", "--root", str(tmp_path / "data"), "--workers", "1", "--features.frames", "13"]
     for source in ("truth", "proposals"):
         assert main([*given, "--from", source, "-o", str(tmp_path / source)]) == 0
     capsys.readouterr()
@@ -364,18 +364,18 @@ def test_compact_proposals_give_the_same_features(tmp_path, capsys) -> None:
     boxes = [(0, 1.0, (0, 0, 240, 160)), (1, 1.0, (0, 160, 480, 320))]
     many = replace(proposals(boxes, 128, attribute=[3, 3]), centroid_px=np.full((2, 2), 100.0))
     np.savez(tmp_path / "many.npz", **compact_rows(12, many))
-    assert main(["extract-features", "--from", "proposals", "--root", str(tmp_path / "many.npz"), "-o", str(tmp_path / "out"),
+    assert main(["data", "features", "--from", "proposals", "--root", str(tmp_path / "many.npz"), "-o", str(tmp_path / "out"),
                  "--workers", "1"]) == 0  # fmt: skip
     stored = FeatureCache(tmp_path / "out").get(12, set(KINDS))
     for kind, value in detected_features(many, WordConfig()).items():
         np.testing.assert_allclose(stored[kind], value, atol=1e-3)
     assert (
-        main(["extract-features", "--from", "proposals", "--root", str(tmp_path / "none"), "-o", str(tmp_path / "a")])
+        main(["data", "features", "--from", "proposals", "--root", str(tmp_path / "none"), "-o", str(tmp_path / "a")])
         == 2
     )
     assert "no such file or folder" in capsys.readouterr().err
     (tmp_path / "proposal_last.json").write_text("{}")
-    assert main(["extract-features", "--from", "proposals", "--root", str(tmp_path), "-o", str(tmp_path / "a")]) == 2
+    assert main(["data", "features", "--from", "proposals", "--root", str(tmp_path), "-o", str(tmp_path / "a")]) == 2
     assert "expected a name that ends with the video's index" in capsys.readouterr().err
 
 

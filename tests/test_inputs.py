@@ -468,8 +468,8 @@ def test_a_killed_run_goes_on_with_the_videos_that_are_left(tmp_path, monkeypatc
     [
         ["answer", "ODD", "-q", "How many cubes are there?"],
         ["judge", "ODD"],
-        ["parse-video", "ODD", "-o", "OUT.json"],
-        ["parse-video", str(VIDEO), "-o", "ODD.json"],
+        ["parse", "ODD", "-o", "OUT.json"],
+        ["parse", str(VIDEO), "-o", "ODD.json"],
         ["answer", str(VIDEO), "-q", "How many cubes are there?", "--background", "ODD"],
         ["evaluate", "--questions", "ODD", "--data", "."],
     ],
@@ -488,7 +488,7 @@ def test_a_name_that_is_not_utf8_is_refused_in_one_line(tmp_path, command: list[
 def test_a_folder_with_a_name_that_is_not_utf8_is_parsed_without_it(tmp_path, capsys) -> None:
     shutil.copy(VIDEO, tmp_path / "video_1.mp4")
     shutil.copy(VIDEO, os.fsdecode(bytes(tmp_path) + b"/video_\xff2.mp4"))
-    assert main(["parse-videos", str(tmp_path), "-o", str(tmp_path / "out"), "--workers", "1"]) == 0
+    assert main(["parse", str(tmp_path), "-o", str(tmp_path / "out"), "--workers", "1"]) == 0
     printed = capsys.readouterr()
     assert "1 done, 0 kept from before, 0 failed" in printed.out
     assert "video_\\xff2.mp4: left out" in printed.err

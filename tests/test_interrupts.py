@@ -91,7 +91,7 @@ def test_ctrl_c_within_this_process_is_one_line(capsys, monkeypatch) -> None:
 
 
 def test_a_closed_pipe_is_no_error() -> None:
-    arguments = ["execute", "--scene", str(TRUTH), "--program", "objects count", "--trace"]
+    arguments = ["program", "objects count", "--run", str(TRUTH), "--trace"]
     read, write = os.pipe()
     os.close(read)
     ended = subprocess.run([*RUN, *arguments], stdout=write, stderr=subprocess.PIPE, text=True, check=False)

@@ -291,7 +291,7 @@ def test_the_key_is_sent_if_it_is_set(stub, monkeypatch) -> None:
 
 
 def test_commands_use_the_server(stub, capsys) -> None:
-    assert main(["parse-question", TEXT, "--question-parser", stub.url, "--kind", "descriptive"]) == 0
+    assert main(["program", TEXT, "--question-parser", stub.url, "--kind", "descriptive"]) == 0
     assert capsys.readouterr().out.strip() == PROGRAM
     stub.reply = "events objects filter_collision count"
     assert main(["answer", str(TRUTH), "-q", "How many collisions happen?", "--question-parser", stub.url]) == 0
@@ -316,7 +316,7 @@ def test_nothing_imports_the_client_unless_asked() -> None:
     ],
 )
 def test_options_are_checked(arguments, reason, capsys) -> None:
-    assert main(["parse-question", TEXT, *arguments]) == 2
+    assert main(["program", TEXT, *arguments]) == 2
     assert reason in capsys.readouterr().err
 
 

@@ -190,7 +190,7 @@ def test_malformed_question_files_name_the_place(text: str, message: str, tmp_pa
 
 @pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128")
 def test_videos_may_be_folders_of_frames(short_video: Path, tmp_path: Path, capsys) -> None:
-    """For `parse-videos`, for one video with `--fps`, and for `evaluate`, in a data set and beside a question file."""
+    """For `parse`, for one video with `--fps`, and for `evaluate`, in a data set and beside a question file."""
     root, frames = tmp_path / "data", read_video(short_video)
     folder = root / "videos" / "val" / f"video_{INDEX}"
     folder.mkdir(parents=True)
@@ -199,7 +199,7 @@ def test_videos_may_be_folders_of_frames(short_video: Path, tmp_path: Path, caps
     for place in (root, folder.parent):
         assert CLEVRER(place).split("validation").video(INDEX) == folder
     out, fast = tmp_path / "scenes", ["--set", "stride=2", "--fps", "25"]
-    assert main(["parse-videos", str(root / "videos"), "-o", str(out), "--workers", "1", *fast]) == 0
+    assert main(["parse", str(root / "videos"), "-o", str(out), "--workers", "1", *fast]) == 0
     assert (out / f"scene_{INDEX}.json").is_file()
     assert "does not say its frame rate" not in capsys.readouterr().err
     question_file(root / "questions" / "validation.json", INDEX)

@@ -283,12 +283,12 @@ def test_execute_with_the_official_semantics(document: dict[str, Any], tmp_path,
     write_json(tmp_path / "sim.json", document)
     (tmp_path / "sim.json.gz").write_bytes(gzip.compress((tmp_path / "sim.json").read_bytes()))
     for name in ("sim.json", "sim.json.gz"):
-        command = ["execute", "--semantics", "official", "--scene", str(tmp_path / name), "--program"]
+        command = ["program", "--semantics", "official", "--run", str(tmp_path / name)]
         assert main([*command, "<START> events objects filter_collision count <END>"]) == 0
         assert main([*command, "objects unique"]) == 0
         assert main([*command, "events objects filter_collision count", "--collisions", "velocity"]) == 0
         assert capsys.readouterr().out.split() == ["3", "error", "0"]
-    assert main(["execute", "--scene", str(TRUTH), "--program", "objects count", "--collisions", "velocity"]) == 2
+    assert main(["program", "objects count", "--run", str(TRUTH), "--collisions", "velocity"]) == 2
     assert "needs --semantics official" in capsys.readouterr().err
 
 

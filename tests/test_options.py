@@ -97,7 +97,7 @@ def test_configurations_check_themselves(kind, values, name) -> None:
         kind(**values)
 
 
-PARSE = ["parse-video", VIDEO, "-o", "OUT/scene.json"]
+PARSE = ["parse", VIDEO, "-o", "OUT/scene.json"]
 EVALUATE = ["evaluate", "--questions", "none.json", "--data", "none", "--source", "scenes"]
 DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run_dir", "OUT/run"]
 
@@ -110,8 +110,8 @@ DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run_dir"
         ([*EVALUATE, "--every", "0"], "every"),
         ([*EVALUATE, "--workers", "-1"], "workers"),
         ([*EVALUATE, "--engine", "zebra"], "engine"),
-        (["parse-videos", "OUT", "-o", "OUT/new", "--set", "stride=0"], "stride"),
-        (["parse-videos", "OUT", "-o", "OUT/new", "--workers", "-1"], "workers"),
+        (["parse", "OUT", "-o", "OUT/new", "--set", "stride=0"], "stride"),
+        (["parse", "OUT", "-o", "OUT/new", "--workers", "-1"], "workers"),
         ([*PARSE, "--set", "tracker.score=2"], "score`"),
         ([*PARSE, "--set", "tracker.score=abc"], "tracker.score"),
         ([*PARSE, "--set", "zebra=1"], "zebra"),
@@ -180,7 +180,7 @@ def test_experiments_are_checked_before_any_row_is_measured(tmp_path, row, messa
 
 
 def test_limits_hold_for_commands(capsys, monkeypatch) -> None:
-    arguments = ["execute", "--scene", str(TRUTH), "--program", "objects red filter_color count"]
+    arguments = ["program", "objects red filter_color count", "--run", str(TRUTH)]
     assert main(arguments) == 0
     monkeypatch.setenv(VARIABLE, "program_tokens=3")
     assert main(arguments) == 2
@@ -223,7 +223,7 @@ def test_the_last_line_counts_failures(capsys) -> None:
 
 
 def test_a_file_that_cannot_be_opened_is_named(capsys, tmp_path) -> None:
-    assert main(["execute", "--scene", str(tmp_path), "--program", "objects count"]) == 2
+    assert main(["program", "objects count", "--run", str(tmp_path)]) == 2
     assert str(tmp_path) in capsys.readouterr().err
     assert Path(tmp_path).is_dir()
 
@@ -269,7 +269,7 @@ def test_a_map_whose_colons_lack_spaces_is_refused_with_the_remedy(option, value
             ["train", "-h"],
             ["frame-parser", "dynamics", "collisions", "question-parser", "baseline", "--device"],
         ),
-        (["extract-features", "--help"], ["--from", "-o", "--keep-going"]),
+        (["data", "features", "--help"], ["--from", "-o", "--keep-going"]),
     ],
 )
 def test_help_names_parts_and_options(arguments: list[str], told: list[str], capsys) -> None:

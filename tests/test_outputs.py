@@ -66,11 +66,11 @@ def test_good_outputs_leave_no_trace(places: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["parse-video", VIDEO, "-o", "OUT/fixed/scene.json"], "read-only"),
-        (["parse-video", VIDEO, "-o", "OUT/s.json", "--proposals-out", "OUT/x.zebra"], "x.zebra"),
-        (["parse-video", VIDEO, "-o", "OUT/s.json", "--proposals-out", "OUT/s.json"], "already another"),
-        (["parse-videos", "OUT", "-o", "OUT/file.json"], "is no folder"),
-        (["predict-dynamics", "OUT", "-o", "OUT/fixed/x"], "read-only"),
+        (["parse", VIDEO, "-o", "OUT/fixed/scene.json"], "read-only"),
+        (["parse", VIDEO, "-o", "OUT/s.json", "--proposals-out", "OUT/x.zebra"], "x.zebra"),
+        (["parse", VIDEO, "-o", "OUT/s.json", "--proposals-out", "OUT/s.json"], "already another"),
+        (["parse", "OUT", "-o", "OUT/file.json"], "is no folder"),
+        (["parse", "OUT", "-o", "OUT/fixed/y"], "read-only"),
         (["visualize", VIDEO, "-o", "OUT/x.zebra"], "expected a name ending in"),
         (["visualize", VIDEO, "-o", "OUT/fixed/x.png"], "read-only"),
         (["demo", "-o", "OUT/folder"], "is a folder"),

@@ -32,7 +32,7 @@ def videos(tmp_path):
 
 def test_a_folder_is_parsed_skipping_what_is_done_and_what_fails(videos, tmp_path, capsys) -> None:
     output = tmp_path / "scenes"
-    assert main(["parse-videos", str(videos), "-o", str(output), "--workers", "1", "--set", "stride=2"]) == 1
+    assert main(["parse", str(videos), "-o", str(output), "--workers", "1", "--set", "stride=2"]) == 1
     text = capsys.readouterr().out
     assert "2 done, 0 kept from before, 1 failed" in text
     assert "video_00003.mp4: VideoError" in text
@@ -51,7 +51,7 @@ def test_a_folder_is_parsed_skipping_what_is_done_and_what_fails(videos, tmp_pat
 
 def test_videos_of_other_scenes_are_counted_as_failed(tmp_path, capsys) -> None:
     write_video(tmp_path / "videos" / "video_00007.mp4", np.zeros((4, 320, 480, 3), np.uint8))
-    assert main(["parse-videos", str(tmp_path / "videos"), "-o", str(tmp_path / "out"), "--workers", "1"]) == 1
+    assert main(["parse", str(tmp_path / "videos"), "-o", str(tmp_path / "out"), "--workers", "1"]) == 1
     found = capsys.readouterr()
     assert "0 done, 0 kept from before, 1 failed" in found.out
     assert "video_00007.mp4: VideoError" in found.out
@@ -82,7 +82,7 @@ def test_a_folder_without_videos_is_an_error(tmp_path) -> None:
 def test_proposals_become_prediction_files_that_both_executors_read(tiny_motion, tmp_path, capsys) -> None:
     compact, _ = tiny_motion
     output = tmp_path / "predictions"
-    assert main(["predict-dynamics", str(compact), "-o", str(output), "--workers", "1"]) == 0
+    assert main(["parse", str(compact), "-o", str(output), "--form", "predictions", "--workers", "1"]) == 0
     assert "4 done, 0 kept from before, 0 failed" in capsys.readouterr().out
     document = read_predictions(output / "sim_00000.json")
     assert [p.what_if for p in document.predictions] == [-1, 0, 1]

@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 
 import nsdr
-from nsdr.cli import generate, main, train
+from nsdr.cli import main, train
 
 PAGE = Path(__file__).parent.parent / "docs" / "release.md"
 LIST = PAGE.with_name("public_api.txt")
@@ -37,9 +37,8 @@ INTERNAL = {
 MODULES = {"nsdr.clevrer.example", "nsdr.dynamics.base", "nsdr.generate.export", "nsdr.io.video"}
 """Whose names are promised, too: the user's own parts need them (docs/plugins.md), or the examples of the docs."""
 ARGUMENTS = {
-    "generate": list(generate.COMMANDS),
     "train": list(train.PARTS),
-    "extract-features": ["--from videos", "--from truth"],
+    "data features": ["--from videos", "--from truth"],
 }
 """What decides about a command's further options."""
 

@@ -222,7 +222,7 @@ def test_candidates_leave_unknown_words_out(network: QuestionParser) -> None:
 
 
 def test_rules_need_no_torch(tmp_path) -> None:
-    code = "import sys; from nsdr.cli.main import main; main(['parse-question', 'How many cubes enter the scene?']); "
+    code = "import sys; from nsdr.cli.main import main; main(['program', 'How many cubes enter the scene?']); "
     code += "sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False, capture_output=True).returncode == 0
 

@@ -352,13 +352,13 @@ def test_a_variable_frame_rate_keeps_the_time(tmp_path) -> None:
     assert np.abs(shown - np.arange(len(found)))[60:78].max() < 2
 
 
-@pytest.mark.parametrize("command", ["answer", "parse-video", "visualize"])
+@pytest.mark.parametrize("command", ["answer", "parse", "visualize"])
 def test_commands_refuse_before_the_weights_are_loaded(clip, tmp_path, monkeypatch, capsys, command: str) -> None:
     from nsdr import Pipeline
 
     monkeypatch.setattr(Pipeline, "from_pretrained", lambda *_, **__: pytest.fail("the weights are loaded"))
     write_video(tmp_path / "v.mp4", 0 * clip[:4])
-    options = {"answer": ["-q", "How many spheres are moving?"], "parse-video": ["-o", str(tmp_path / "s.json")]}
+    options = {"answer": ["-q", "How many spheres are moving?"], "parse": ["-o", str(tmp_path / "s.json")]}
     output = options.get(command, ["-o", str(tmp_path / "v.png")])
     assert main([command, str(tmp_path / "v.mp4"), *output]) == 2
     assert "the background is black" in capsys.readouterr().err

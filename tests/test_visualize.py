@@ -235,7 +235,7 @@ def test_pictures_of_a_saved_scene(perceived, tmp_path, capsys) -> None:
     assert "Without each object" in page.read_text()
     assert main(["visualize", str(bare), "-o", str(page)]) == 0
     assert main(["visualize", str(bare), "-o", str(plan)]) == 2
-    assert "holds no trajectories for --image plan; make it again with nsdr parse-video" in capsys.readouterr().err
+    assert "holds no trajectories for --image plan; make it again with nsdr parse" in capsys.readouterr().err
     assert main(["visualize", str(scene), "-o", str(tmp_path / "a.mp4")]) == 2
     assert "is a saved scene, which has no frames for mp4; give the video" in capsys.readouterr().err
     assert main(["visualize", str(scene), "--dynamics", "propnet", "-o", str(plan)]) == 2

@@ -51,8 +51,8 @@ def test_every_module_imports(environment) -> None:
 
 def test_commands_work(environment, tmp_path) -> None:
     nsdr_command = ("-m", "nsdr.cli.main")
-    assert "parse-video" in run(environment, *nsdr_command, "--help")
-    assert "count" in run(environment, *nsdr_command, "parse-question", "How many collisions happen?")
+    assert "parse" in run(environment, *nsdr_command, "--help")
+    assert "count" in run(environment, *nsdr_command, "program", "How many collisions happen?")
     shutil.copy(TRUTH, tmp_path / "scene_500002.json")
     evaluate = ("evaluate", "--questions", QUESTIONS, "--source", "scenes", "--data", tmp_path, "--programs", "gold")
     report = ("--cache", tmp_path / "cache", "-o", tmp_path / "report.json", "--workers", "2")

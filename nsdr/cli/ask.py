@@ -1,4 +1,4 @@
-"""`nsdr answer`, `parse-question`, `execute` and `demo`: questions and programs."""
+"""`nsdr answer`, `program` and `demo`: questions and programs."""
 
 import json
 import textwrap
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 def answer_options(parser: Any) -> None:
     add = parser.add_argument
-    add("video", help=f"{VIDEO}, or a scene saved by parse-video")
+    add("video", help=f"{VIDEO}, or a scene saved by nsdr parse")
     add("-q", "--question", required=True, help="in CLEVRER's English")
     add("-c", "--choice", action="append", default=[], help="an option, or a candidate for the answer; repeatable")
     add("--system", default="", help="answer by a trained baseline: folder or name of a checkpoint, such as truth/mac")
@@ -102,17 +102,25 @@ def _print_answer(found: Answer, trace: bool) -> None:
     print(found)
 
 
-def parse_question_options(parser: Any) -> None:
+def program_options(parser: Any) -> None:
     add = parser.add_argument
-    add("text", help="in CLEVRER's English")
+    add("text", help="a question or choice in CLEVRER's English; with --run, the tokens of a program")
     add("--kind", default="auto", choices=["auto", "descriptive", "multiple_choice", "choice"], help="kind of text")
     shared_options(parser, "parser", "extensions", "checkpoint")
+    add("--run", default=None, help="scene saved by nsdr parse on which the program is run; official: prediction file")
+    add("--semantics", default=None, choices=["paper", "official"], help="with --run: of the executor (default: paper)")
+    velocity = "with the official semantics: velocity is NE (default: predicted)"
+    add("--collisions", default=None, choices=["predicted", "velocity"], help=velocity)
+    add("--trace", action="store_true", help="with --run: print every executed step")
 
 
-def parse_question(options: Any) -> int:
-    """`nsdr parse-question`: the program of a text."""
+def program(options: Any) -> int:
+    """`nsdr program`: the program of a text, or what a program gives on a scene."""
     if not options.text.strip():
         raise QuestionError("the text is empty")
+    if options.run is not None:
+        return _run(options)
+    refuse_idle(options, ("semantics", "collisions", "trace"), " without --run")
 
     from nsdr.question_parser.loading import GRAMMAR, NETWORK, load_parser
     from nsdr.question_parser.suggestions import QUESTION_KINDS, nearest_questions
@@ -139,29 +147,20 @@ def parse_question(options: Any) -> int:
     raise QuestionError(str(longest), nearest_questions(options.text, None, *suggested), what) from longest
 
 
-def execute_options(parser: Any) -> None:
-    add = parser.add_argument
-    add("--scene", required=True, help="scene saved by parse-video; official: prediction file")
-    add("--program", required=True, help="postfix tokens")
-    add("--semantics", default="paper", choices=["paper", "official"], help="of the executor")
-    velocity = "official semantics: velocity is NE"
-    add("--collisions", default="predicted", choices=["predicted", "velocity"], help=velocity)
-    add("--trace", action="store_true", help="print every executed step")
-
-
-def execute(options: Any) -> int:
-    """`nsdr execute`: a program on a saved scene, or with the official semantics on a prediction file."""
+def _run(options: Any) -> int:
+    """Run a program on a saved scene, or with the official semantics on a prediction file."""
     from nsdr.clevrer.files.predictions import read_predictions
     from nsdr.symbolic import Executor, OfficialExecutor
 
-    if not options.scene:
-        raise DataError("--scene is empty; expected a file")
+    if not options.run:
+        raise DataError("--run is empty; expected a file")
+    refuse_idle(options, ("kind", "question_parser", "extensions", "checkpoint", "device"), " with --run")
     if options.semantics == "official":
-        found = OfficialExecutor(read_predictions(options.scene), options.collisions).answer(options.program)
+        found = OfficialExecutor(read_predictions(options.run), options.collisions or "predicted").answer(options.text)
     else:
-        if options.collisions != "predicted":
+        if options.collisions == "velocity":
             raise DataError("--collisions velocity needs --semantics official")
-        found = Executor(load(options.scene, Scene)).answer(options.program)
+        found = Executor(load(options.run, Scene)).answer(options.text)
     _print_answer(found, options.trace)
     print_notes(found.notes)
     return 0
@@ -222,8 +221,7 @@ def _print_compared(question: "Question", found: Answer) -> bool:
 
 FUNCTIONS = {
     "answer": Command(answer, answer_options),
-    "parse-question": Command(parse_question, parse_question_options),
-    "execute": Command(execute, execute_options),
+    "program": Command(program, program_options),
     "demo": Command(demo, demo_options),
 }
 """What runs the commands of this file."""

@@ -125,7 +125,7 @@ def make_pipeline(options: Any) -> Any:
         VideoError: the command's video is not one to be processed; mostly before the networks' libraries are loaded, which
             settings that say what is expected of a video need.
     """
-    video = vars(options).get("video", "")
+    video = vars(options).get("video") or vars(options).get("source", "")
     if video and not is_scene(video) and not options.config and not any(v.startswith("video") for v in options.set):
         from nsdr.frame_parser.check.video import VideoConfig, check_video
 

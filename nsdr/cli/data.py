@@ -1,12 +1,14 @@
-"""`nsdr data verify|download|frames|motion` and `nsdr export`: data sets, and what is made of them to train on."""
+"""`nsdr data verify|download|frames|motion|features` and `nsdr export`: data sets, and what is made of them to train on."""
 
+import argparse
 from typing import Any
 
 from jsonargparse.typing import NonNegativeInt, PositiveInt
 
 from nsdr.clevrer.dataset import CLEVRER, SPLITS
 from nsdr.clevrer.layout import FOLDERS
-from nsdr.cli.common import Command, left_out, shared_options
+from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, Command, configured, left_out, shared_options
+from nsdr.errors import DataError
 from nsdr.io.files import check_output_folder
 
 SHOWN_MISSING = 5
@@ -88,6 +90,36 @@ def data_motion(options: Any) -> int:
     return left_out(o.output)
 
 
+def data_features(arguments: list[str]) -> int:
+    """`nsdr data features`: features of videos for the baselines, or of the words and boxes of their objects."""
+    from nsdr.baselines.features.extraction import FeatureExtraction, WordExtraction, extract_features as extract
+    from nsdr.baselines.features.files import SOURCES
+    from nsdr.io.files import check_output_folder
+
+    if arguments[:1] in ([name] for name in HELP):
+        print("nsdr data features [--from videos|truth|proposals] --root DATA -o OUTPUT [--field value] …\n")
+        print("  --from         what features are made from (default: videos); with --help after it, shows its fields")
+        print(f"  {KEEP_GOING_HELP}")
+        return 0
+    own = argparse.ArgumentParser("nsdr data features", add_help=False, allow_abbrev=False)
+    own.add_argument("--from", dest="source", choices=("videos", *SOURCES), default="videos")
+    own.add_argument(KEEP_GOING, action="store_true")
+    options, fields = own.parse_known_args(arguments)
+    if any(argument.partition("=")[0] == "--features.source" for argument in fields):
+        raise DataError("--features.source: --from says what features are made from; leave it out")
+    extraction: FeatureExtraction | WordExtraction = (
+        configured(FeatureExtraction, fields, "data features", KEEP_GOING_HELP)
+        if options.source == "videos"
+        else configured(
+            WordExtraction, [*fields, "--features.source", options.source], "data features", KEEP_GOING_HELP
+        )
+    )
+    check_output_folder(extraction.output)
+    count = extract(extraction, options.keep_going)
+    print(f"{extraction.output}: features of {count} videos")
+    return left_out(extraction.output)
+
+
 def export_options(parser: Any) -> None:
     from nsdr.generate.export.formats import FORMATS
     from nsdr.generate.export.writing import PAIRS
@@ -133,6 +165,7 @@ FUNCTIONS = {
     "data download": Command(data_download, data_download_options),
     "data frames": Command(data_frames, data_frames_options),
     "data motion": Command(data_motion, data_motion_options),
+    "data features": Command(data_features),
     "export": Command(export, export_options),
 }
 """What runs the commands of this file."""

@@ -1,6 +1,6 @@
 """`nsdr generate dataset|violations|scene|questions`: from a YAML file and flags to files."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -11,8 +11,7 @@ from tqdm import tqdm
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import write_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
-from nsdr.cli.common import HELP, KEEP_GOING, KEEP_GOING_HELP, Command, configured, left_out, print_parts
-from nsdr.errors import DataError
+from nsdr.cli.common import KEEP_GOING, KEEP_GOING_HELP, Command, configured, left_out
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.changed import TruthWorlds
 from nsdr.generate.physics.scene import simulate_scene
@@ -112,32 +111,22 @@ def _worlds(paths: Sequence[str]) -> dict[int, TruthWorlds]:
     return {truth["scene_index"]: TruthWorlds(truth) for truth in truths}
 
 
-COMMANDS = {
-    "dataset": (_dataset, "videos, annotations, proposals and questions in CLEVRER's layout; resumable"),
-    "violations": (_violations, "pairs of videos, one of which breaks a law, with questions; resumable"),
-    "scene": (_scene, "the truth file of one scene"),
-    "questions": (_questions, "balanced questions about scenes whose truth is known"),
-}
-"""What each command runs, and what it writes."""
+def _printed(write: Callable[[Sequence[str]], str]) -> Command:
+    def run(arguments: list[str]) -> int:
+        written = write(arguments)
+        print(written)
+        return left_out(written)
 
-
-def generate(arguments: list[str]) -> int:
-    """Run one of `COMMANDS` with its arguments, and print what was written."""
-    command, *rest = arguments or ["nothing"]
-    if command in HELP:
-        usage = "nsdr generate WHAT [--config FILE.yaml] -o OUTPUT [--field value] …"
-        more = f"nsdr generate WHAT --help shows the fields. For dataset and violations, {KEEP_GOING_HELP}"
-        print_parts(usage, COMMANDS, more)
-        return 0
-    if command not in COMMANDS:
-        raise DataError(f"nsdr generate: expected one of {', '.join(COMMANDS)}, got {command!r}")
-    run, _ = COMMANDS[command]
-    written = run(rest)
-    print(written)
-    return left_out(written)
+    return Command(run)
 
 
 FUNCTIONS = {
-    "generate": Command(generate),
+    f"generate {name}": _printed(write)
+    for name, write in (
+        ("dataset", _dataset),
+        ("violations", _violations),
+        ("scene", _scene),
+        ("questions", _questions),
+    )
 }
 """What runs the commands of this file."""

@@ -8,7 +8,7 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
@@ -21,36 +21,33 @@ from nsdr.io.configuration import OptionParser
 from nsdr.io.limits import limits
 from nsdr.io.registry import installed_part
 
-COMMANDS: dict[str, tuple[str, str]] = {
-    "answer": ("ask", "answer a question about a video"),
-    "parse-question": ("ask", "turn a question or choice into a program"),
-    "execute": ("ask", "run a program on a saved scene"),
-    "demo": ("ask", "answer questions about the clip that ships with the package"),
-    "parse-video": ("perceive", "turn a video into a symbolic scene"),
-    "parse-videos": ("perceive", "turn a folder of videos into scenes and proposals; resumable"),
-    "predict-dynamics": ("perceive", "turn mask proposals into motion and collisions; resumable"),
-    "judge": ("perceive", "find which laws of CLEVRER's world videos break"),
-    "visualize": ("perceive", "show what was seen, and why a question got its answer"),
-    "simulate": ("simulate", "what would happen in a video with objects removed, changed or added"),
-    "evaluate": ("evaluate", "score answers to a question file; resumable"),
-    "experiment": ("evaluate", "measure all rows of a table; resumable"),
-    "score": ("evaluate", "score a file of answers, or compare two"),
-    "compare-videos": ("evaluate", "score continuations by a video model beside noise floors and baselines; resumable"),
-    "data verify": ("data", "count the files of a data set"),
-    "data download": ("data", "fetch CLEVRER's official files; resumable"),
-    "data frames": ("data", "make training frames of videos and their mask proposals; resumable"),
-    "data motion": ("data", "make training motion of a data set's proposals and annotations; resumable"),
-    "export": ("data", "write a data set as prompts or conversations for training other models; resumable"),
-    "mcp": ("serve", "tools for agents (Model Context Protocol) on a folder's videos"),
-    "serve": ("serve", "a page to ask and to intervene on"),
-    "generate": ("generate", "dataset|violations|scene|questions [--config FILE.yaml] -o OUTPUT [--field value]"),
-    "extract-features": (
-        "train",
-        "[--from truth|proposals] --root DATA -o OUTPUT [--config FILE.yaml] [--field value]",
-    ),
-    "train": ("train", "PART --config configs/….yaml [--field value]; without a part, says which there are"),
+COMMANDS: dict[str, tuple[str, str, str]] = {
+    "answer": ("ask", "ask", "answer questions about a video"),
+    "simulate": ("ask", "simulate", "what would happen in a video with objects removed, changed or added"),
+    "judge": ("ask", "perceive", "find which laws of CLEVRER's world videos break"),
+    "visualize": ("ask", "perceive", "show what was seen, and why a question got its answer"),
+    "demo": ("ask", "ask", "answer questions about the clip that ships with the package"),
+    "serve": ("ask", "serve", "a page to ask and to intervene on"),
+    "mcp": ("ask", "serve", "tools for agents (Model Context Protocol) on a folder's videos"),
+    "parse": ("process", "parse", "turn videos or mask proposals into symbolic scenes; resumable"),
+    "program": ("process", "ask", "turn a question or choice into a program, or run one on a saved scene"),
+    "evaluate": ("measure", "evaluate", "score answers to a question file; resumable"),
+    "score": ("measure", "evaluate", "score a file of answers, or compare two"),
+    "experiment": ("measure", "evaluate", "measure all rows of a table; resumable"),
+    "compare-videos": ("measure", "evaluate", "score continuations by a video model beside baselines; resumable"),
+    "data verify": ("data", "data", "count the files of a data set"),
+    "data download": ("data", "data", "fetch CLEVRER's official files; resumable"),
+    "data frames": ("data", "data", "make training frames of videos and their mask proposals; resumable"),
+    "data motion": ("data", "data", "make training motion of a data set's proposals and annotations; resumable"),
+    "data features": ("data", "data", "make features of videos for the baselines; resumable"),
+    "generate dataset": ("data", "generate", "make videos, annotations, proposals and questions; resumable"),
+    "generate violations": ("data", "generate", "make pairs of videos, one of which breaks a law; resumable"),
+    "generate scene": ("data", "generate", "make the truth file of one scene"),
+    "generate questions": ("data", "generate", "make balanced questions about scenes whose truth is known"),
+    "export": ("data", "data", "write a data set as prompts or conversations for training other models; resumable"),
+    "train": ("train", "train", "train a part; `nsdr train --help` lists them"),
 }
-"""Of each command, the module of `nsdr.cli` whose `FUNCTIONS` has what runs it, and a summary."""
+"""Of each command, its group in the help, the module of `nsdr.cli` whose `FUNCTIONS` has what runs it, and a summary."""
 ERROR, BUG = 2, 70
 """Exit statuses: an error; a bug of ours (EX_SOFTWARE of sysexits.h)."""
 BY_SIGNAL = 128
@@ -94,7 +91,7 @@ def _run(arguments: list[str]) -> int:
     rest = arguments[len(name.split()) :]
     if not name:
         return _overview(arguments)
-    module, summary = COMMANDS[name]
+    _, module, summary = COMMANDS[name]
     command: Command = import_module(f"nsdr.cli.{module}").FUNCTIONS[name]
     if command.add_options is None:
         return command.run(rest)
@@ -116,15 +113,39 @@ def _overview(arguments: list[str]) -> int:
         print(nsdr.__version__)
         return 0
     asked = arguments[:1] in (["--help"], ["-h"])
-    group = {n: row for n, row in COMMANDS.items() if arguments and n.startswith(f"{arguments[0]} ")}
-    if arguments and not asked and not (group and arguments[1:2] in (["--help"], ["-h"])):
-        known = ", ".join(group or COMMANDS)
-        raise DataError(f"nsdr: unknown command {' '.join(arguments[: 1 + bool(group)])!r}; expected one of {known}")
-    print("nsdr COMMAND …: answers questions about videos of colliding objects. --help shows a command's options,")
-    print("--debug tracebacks; docs/cli.md explains them.\n")
-    for name, (_, summary) in (group or COMMANDS).items():
-        print(f"  {name:<18}{summary}")
-    return 0 if asked or arguments[1:] else ERROR
+    first = arguments[0] if arguments else ""
+    parts = {name: row for name, row in COMMANDS.items() if name.startswith(f"{first} ")}
+    if first and not asked and not (parts and arguments[1:2] in ([], ["--help"], ["-h"])):
+        known = ", ".join(parts or dict.fromkeys(name.split()[0] for name in COMMANDS))
+        raise DataError(f"nsdr: unknown command {' '.join(arguments[: 1 + bool(parts)])!r}; expected one of {known}")
+    if parts:
+        print(f"nsdr {first} PART …; nsdr {first} PART --help shows the options of a part.\n")
+        _print_table({name: summary for name, (*_, summary) in parts.items()})
+        return 0 if arguments[1:] else ERROR
+    print(
+        "nsdr COMMAND …: answers questions about videos of colliding objects. nsdr COMMAND --help shows a command's options,"
+    )
+    print("--debug tracebacks; docs/cli.md explains them.")
+    for group in dict.fromkeys(group for group, *_ in COMMANDS.values()):
+        print(f"\n{group}:")
+        _print_table(_summaries(group))
+    return 0 if asked else ERROR
+
+
+def _summaries(group: str) -> dict[str, str]:
+    """What the commands of a group do; commands of two words are one, whose second words are listed."""
+    found: dict[str, str] = {}
+    for name, (its_group, _, summary) in COMMANDS.items():
+        first, _, part = name.partition(" ")
+        if its_group == group:
+            found[first] = f"{found[first]}|{part}" if first in found else part or summary
+    return found
+
+
+def _print_table(summaries: Mapping[str, str]) -> None:
+    width = max(map(len, summaries)) + 2
+    for name, summary in summaries.items():
+        print(f"  {name:<{width}}{summary}")
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

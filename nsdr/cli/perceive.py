@@ -1,7 +1,6 @@
-"""`nsdr parse-video`, `parse-videos`, `predict-dynamics` and `visualize`: what is seen in videos."""
+"""`nsdr judge` and `visualize`: what is seen in videos."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,96 +22,13 @@ from nsdr.cli.common import (
     shared_options,
 )
 from nsdr.errors import DataError
-from nsdr.io.files import check_installed, check_output, check_output_folder, write_file
+from nsdr.io.files import check_installed, check_output, write_file
 from nsdr.io.notes import distinct
-from nsdr.io.storage import load, save
+from nsdr.io.storage import load
 from nsdr.types import Scene
 
-DECIMALS = 3
-"""Decimals of positions (world units) and speeds (world units/s) in a saved scene."""
 IMAGES = ("strobe", "last", "plan")
 """Images of a video. Only the plan can be drawn of a saved scene, if its file has trajectories."""
-
-
-def parse_video_options(parser: Any) -> None:
-    add = parser.add_argument
-    add("video", help=VIDEO)
-    add("-o", "--output", required=True, help="scene file, .json")
-    add("--proposals-out", default=None, help="also write the mask proposals in CLEVRER's format")
-    shared_options(parser, "checkpoint", "pipeline", "video")
-
-
-def parse_video(options: Any) -> int:
-    """`nsdr parse-video`: one video as a scene."""
-    check_outputs([options.video], (options.output, (".json",)), (options.proposals_out, (".json",)))
-    pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
-    from nsdr.clevrer.files.proposals import proposals_document
-    from nsdr.io.files import write_json
-
-    perception = pipeline.perceive(options.video)
-    scene = perception.scene
-    save(options.output, replace(scene, dynamics=_rounded(perception.explanation.prediction)))
-    if options.proposals_out:
-        write_json(options.proposals_out, proposals_document(perception.proposals, Path(options.video).name))
-    print(f"{options.output}: {scene}")
-    print_notes(scene.notes)
-    return 0
-
-
-def _rounded(dynamics: Any) -> Any:
-    """A prediction with positions and speeds to a thousandth of a world unit, which keeps files small."""
-
-    def short(rollout: Any) -> Any:
-        names = ("location_world", "speed_world_per_s", "yaw")
-        arrays = {name: value for name in names if (value := getattr(rollout, name)) is not None}
-        return replace(rollout, **{name: value.round(DECIMALS) for name, value in arrays.items()})
-
-    counterfactual = {removed: short(rollout) for removed, rollout in dynamics.counterfactual.items()}
-    return replace(dynamics, observed=short(dynamics.observed), counterfactual=counterfactual)
-
-
-def parse_videos_options(parser: Any) -> None:
-    add = parser.add_argument
-    add("videos", help="folder with *.mp4, *.gif or *.webp, or with a folder of frames for each video")
-    add("-o", "--output", required=True, help="folder for scene_N.json and proposal_N.json")
-    shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")
-
-
-def parse_videos(options: Any) -> int:
-    """`nsdr parse-videos`: a folder of videos as scenes and proposals."""
-    from nsdr.evaluation import parse_videos as run
-
-    o, settings = options, settings_of(options)
-    check_output_folder(o.output)
-    return _report(o, run(o.videos, o.output, o.checkpoint, settings, o.engine, o.workers, o.device), "videos")
-
-
-def predict_dynamics_options(parser: Any) -> None:
-    add = parser.add_argument
-    add("proposals", help="folder of proposal files, one such file, or a compact NPZ")
-    add("-o", "--output", required=True, help="folder for the files")
-    forms = "the research code's files, or ours"
-    add("--form", default="predictions", choices=["predictions", "scenes"], help=forms)
-    shared_options(parser, "checkpoint", "pipeline", "work", "failures")
-
-
-def predict_dynamics(options: Any) -> int:
-    """`nsdr predict-dynamics`: a folder of proposals as predictions or scenes."""
-    from nsdr.evaluation import predict_dynamics as run
-
-    o, settings = options, settings_of(options)
-    check_output_folder(o.output)
-    summary = run(o.proposals, o.output, o.form, o.checkpoint, settings, o.engine, o.workers, o.device)
-    return _report(o, summary, "files")
-
-
-def _report(options: Any, summary: Any, what: str) -> int:
-    done, skipped, failed = len(summary.done), len(summary.skipped), len(summary.failed)
-    print(f"{options.output}: {done} done, {skipped} kept from before, {failed} failed")
-    messages = [f"{name}: {error}" for name, error in sorted(summary.failed.items())]
-    for message in messages:
-        print(f"  {message}")
-    return failures_line(failed, done + skipped + failed, what, "".join(messages[:1]), options.keep_going)
 
 
 def judge_options(parser: Any) -> None:
@@ -166,7 +82,7 @@ def _print_judgement(row: dict[str, Any]) -> None:
 
 def visualize_options(parser: Any) -> None:
     add = parser.add_argument
-    add("video", help=f"{VIDEO}, or a scene saved by parse-video")
+    add("video", help=f"{VIDEO}, or a scene saved by parse")
     add("-q", "--question", default=None, help="for an HTML report: a question")
     add("-c", "--choice", action="append", default=[], help="its options; repeat it for each")
     image = "for a PNG: which image (default: strobe; of a saved scene, plan); all adds each one's name to the file's"
@@ -189,7 +105,7 @@ def visualize(options: Any) -> int:
     scene = load(options.video, Scene) if saved else None
     if scene is not None:
         if scene.dynamics is None and "plan" in images:
-            message = "holds no trajectories for --image plan; make it again with nsdr parse-video"
+            message = "holds no trajectories for --image plan; make it again with nsdr parse"
             raise DataError(f"{options.video}: {message}")
         refuse_for_scene(options)
     pipeline: Any = make_pipeline(options) if scene is None or options.question else None
@@ -266,9 +182,6 @@ def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any
 
 
 FUNCTIONS = {
-    "parse-video": Command(parse_video, parse_video_options),
-    "parse-videos": Command(parse_videos, parse_videos_options),
-    "predict-dynamics": Command(predict_dynamics, predict_dynamics_options),
     "judge": Command(judge, judge_options),
     "visualize": Command(visualize, visualize_options),
 }

@@ -164,5 +164,5 @@ SOURCES: Registry[SourceFactory] = Registry(
 - annotations: `annotation_N.json`, true observed events
 - ground-truth: the truth block of `processed_proposals/sim_N.json`, or a gzipped list of blocks
 - truth: `truth_N.json` of generated scenes, everything true
-- scenes: `scene_N.json` saved by `nsdr parse-videos`
+- scenes: `scene_N.json` saved by `nsdr parse`
 """

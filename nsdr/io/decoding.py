@@ -227,7 +227,7 @@ def check_is_video(path: Video) -> None:
     check_name(path)
     if path.is_dir():
         if not has_images(path):
-            what = "a video, or a folder of PNG or JPEG files (`nsdr parse-videos` takes folders of either)"
+            what = "a video, or a folder of PNG or JPEG files (`nsdr parse` takes folders of either)"
             raise VideoError(f"{path}: is a folder without images; expected {what}")
         return
     if not path.is_file():

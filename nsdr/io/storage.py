@@ -95,7 +95,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     tree = read_json(path)
     if not isinstance(tree, dict) or "type" not in tree:
         others = "annotations and truth files are read by nsdr.clevrer (`scene_from_annotation`) and `nsdr evaluate`"
-        raise DataError(f"{path}: nothing that `nsdr.save` or `nsdr parse-video` wrote: it has no key 'type'; {others}")
+        raise DataError(f"{path}: nothing that `nsdr.save` or `nsdr parse` wrote: it has no key 'type'; {others}")
     try:
         value = _decoded(tree, "")
     except (DataError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as e:

@@ -13,9 +13,9 @@ from tests.robustness.files import DAMAGES, Damage
 
 SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints" / "default"
 PARTS = ("question_parser", "frame_parser", "dynamics", "collisions")
-VIDEO = ("parse-video", "{good}/gray.mp4", "--set", "video.check=off", "--checkpoint", "weights", "-o", "scene.json")
+VIDEO = ("parse", "{good}/gray.mp4", "--set", "video.check=off", "--checkpoint", "weights", "-o", "scene.json")
 COMMANDS = {
-    "question_parser": ("parse-question", "How many?", "--question-parser", "network", "--checkpoint", "weights"),
+    "question_parser": ("program", "How many?", "--question-parser", "network", "--checkpoint", "weights"),
     "frame_parser": VIDEO,
     "dynamics": (*VIDEO, "--dynamics", "propnet"),
     "collisions": VIDEO,

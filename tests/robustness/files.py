@@ -146,7 +146,7 @@ MADE: dict[str, tuple[int, tuple[int, int], float]] = {
 def _video_cases() -> Iterator[Case]:
     commands = {
         "answer": ("answer", "video.mp4", "-q", "How many collisions happen?"),
-        "parse-video": ("parse-video", "video.mp4", "-o", "scene.json"),
+        "parse": ("parse", "video.mp4", "-o", "scene.json"),
         "visualize": ("visualize", "video.mp4", "-o", "image.png"),
     }
     for command, argv in commands.items():
@@ -161,7 +161,7 @@ def _video_cases() -> Iterator[Case]:
         yield Case(f"video, {command}", "folder", argv, lambda folder, _: (folder / "video.mp4").mkdir(), "video.mp4")
         yield Case(f"video, {command}", "pipe", argv, lambda folder, _: os.mkfifo(folder / "video.mp4"), "video.mp4")
         yield Case(f"video, {command}", "missing", argv, named="video.mp4")
-    folder = ("parse-videos", "videos", "-o", "out", "--workers", "1")
+    folder = ("parse", "videos", "-o", "out", "--workers", "1")
     yield Case("video, folder", "missing", folder, named="videos")
     yield Case("video, folder", "empty", folder, lambda f, _: (f / "videos").mkdir(), "videos")
     yield Case("video, folder", "without videos", folder, text_writer("videos/a.txt", "zebra"), "videos")

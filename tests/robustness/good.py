@@ -148,7 +148,7 @@ def json_line_answers() -> list[dict[str, Any]]:
 
 
 def scene() -> dict[str, Any]:
-    """A scene saved by `nsdr parse-video`."""
+    """A scene saved by `nsdr parse`."""
     return dict(json.loads(TRUTH.read_text()))
 
 
@@ -212,7 +212,7 @@ def compact_proposals(path: Path) -> None:
 
 QUESTIONS_OF = ("--questions", "{good}/questions/questions.json")
 EVALUATE = ("evaluate", "--programs", "gold", "--workers", "1", "--cache", "cache", "--submission", "out.json")
-COUNT = ("--program", "events objects filter_collision count")
+COUNT = ("events objects filter_collision count",)
 COMMANDS: dict[str, tuple[str, ...]] = {
     "questions": (*EVALUATE, "--questions", "questions.json", "--source", "truth", "--data", "{good}/truth"),
     "annotations": (*EVALUATE, *QUESTIONS_OF, "--source", "annotations", "--data", ".", "--types", "descriptive"),
@@ -222,9 +222,9 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "blocks": (*EVALUATE, *QUESTIONS_OF, "--source", "ground-truth", "--data", "truth.json.gz", "--types", "descriptive"),
     "proposals": (*EVALUATE, *QUESTIONS_OF, "--source", "proposals", "--data", ".", "--types", "descriptive"),
     "compact": (*EVALUATE, *QUESTIONS_OF, "--source", "proposals", "--data", "proposals.npz", "--types", "descriptive"),
-    "predictions": ("execute", "--semantics", "official", "--scene", "sim_10000.json", *COUNT),
+    "predictions": ("program", *COUNT, "--semantics", "official", "--run", "sim_10000.json"),
     "scenes from predictions": (*EVALUATE, *QUESTIONS_OF, "--source", "predictions", "--data", "."),
-    "scenes": ("execute", "--scene", "scene.json", *COUNT),
+    "scenes": ("program", *COUNT, "--run", "scene.json"),
     "scene questions": ("answer", "scene.json", "-q", "How many collisions happen?"),
     "manifest": (*EVALUATE, "--root", ".", "--source", "annotations", "--types", "descriptive"),
     "submission": ("score", "submission.json", *QUESTIONS_OF, "-o", "report.json"),
@@ -236,9 +236,9 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 ANSWER = ("answer", str(TRUTH), "-q", "How many collisions happen?")
 EVALUATE_TRUTH = ("evaluate", *QUESTIONS_OF, "--source", "truth", "--data", "{good}/truth", "--programs", "gold",
             "--workers", "1", "--submission", "out.json")  # fmt: skip
-PREDICT = ("predict-dynamics", "{good}/release/derender_proposals", "-o", "out", "--workers", "1")
-PARSE = ("parse-videos", "{good}", "-o", "out", "--workers", "1")
-PARSE_ONE = ("parse-video", "{good}/video.mp4")
+PREDICT = ("parse", "{good}/release/derender_proposals", "-o", "out", "--workers", "1", "--form", "predictions")
+PARSE = ("parse", "{good}", "-o", "out", "--workers", "1")
+PARSE_ONE = ("parse", "{good}/video.mp4")
 MOTION = ("data", "motion", "{good}/release", "--split", "validation", "-o", "out", "--workers", "1")
 GENERATE = ("generate", "dataset", "-o", "out", "--videos", "1", "--renderer", "none", "--workers", "1")
 TRAIN = ("train", "question-parser", "--run_dir", "run", "--loop.steps", "1", "--loop.device", "cpu")

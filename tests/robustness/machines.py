@@ -16,7 +16,7 @@ FULL = "full disk"
 PROBED, WRITTEN = 1000, 5000
 """Sizes that a probe before the work notices, and that only the output itself exceeds (bytes)."""
 OUTPUTS: dict[str, tuple[tuple[str, ...], str, tuple[int, ...]]] = {
-    "predict-dynamics": ((*PREDICT[:2], "-o", "{good}/full", "--workers", "1"), "full", (PROBED,)),
+    "parse (proposals)": ((*PREDICT[:2], "-o", "{good}/full", "--workers", "1"), "full", (PROBED,)),
     "generate scene": (("generate", "scene", "-o", "scene.json"), "scene.json", (PROBED, WRITTEN)),
     "evaluate": ((*COMMANDS["compact"], "--keep-going"), "out.json", (PROBED,)),
     "score": (SCORE, "report.json", (PROBED,)),
@@ -29,8 +29,8 @@ NAMED: dict[str, tuple[str, ...]] = {
     "answer": ("answer", f"{ODD}.mp4", "-q", "How many collisions happen?"),
     "answer, scene": ("answer", f"{ODD}.json", "-q", "How many collisions happen?"),
     "judge": ("judge", f"{ODD}.mp4"),
-    "parse-video": ("parse-video", f"{ODD}.mp4", "-o", "scene.json"),
-    "parse-video, output": ("parse-video", "{good}/video.mp4", "-o", f"{ODD}.json"),
+    "parse": ("parse", f"{ODD}.mp4", "-o", "scene.json"),
+    "parse, output": ("parse", "{good}/video.mp4", "-o", f"{ODD}.json"),
     "visualize": ("visualize", f"{ODD}.mp4", "-o", "image.png"),
     "background": ("answer", "{good}/video.mp4", "-q", "How many collisions happen?", "--background", f"{ODD}.png"),
     "score": ("score", f"{ODD}.json", *SCORE[2:]),
@@ -68,5 +68,5 @@ def machine_cases() -> Iterator[Case]:
             yield Case("machine, full disk", f"{name}, {size}", (FULL, str(size), *argv), named=output)
     for name, argv in NAMED.items():
         yield Case("machine, name", name, argv, _odd_files, SHOWN)
-    folder = ("parse-videos", "videos", "-o", "out", "--workers", "1")
+    folder = ("parse", "videos", "-o", "out", "--workers", "1")
     yield Case("machine, links", "in a circle", folder, _linked_in_a_circle, "videos")

@@ -37,18 +37,19 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--semantics": ("zebra", "official"), "--collisions": ("zebra", "velocity"), "--engine": ("zebra",),
         "--device": ("zebra",), "--checkpoint": ("nowhere",), "--data": ("nowhere",), "--questions": ("nowhere.json",),
         "--root": ("nowhere",), "--truth_source": ("zebra", "truth"), "--truth": ("nowhere",)}),
-    "predict-dynamics": (PREDICT, {
+    "parse (proposals)": (PREDICT, {
         "--workers": ("-1", "x"), "--form": ("zebra",), "--dynamics": ("zebra", "nowhere.yaml"), "--engine": ("zebra",),
         "--config": ("nowhere.yaml",), "--set": (
             "zebra=1", "tracker=1", "tracker.score", "tracker.score=x", "tracker.score=2", "tracker.score=-1",
             "tracker.score=nan", "stride=0", "stride=-1", "batch_size=0", "batch_size=x", "dynamics.backend=zebra",
             "dynamics.collisions=zebra",
             "dynamics.physics.runs=0", "dynamics.physics.runs=1000000000", "=", "")}),
-    "parse-videos": (PARSE, {"--workers": ("-1", "x"), "--engine": ("zebra",),
+    "parse (videos)": (PARSE, {"--workers": ("-1", "x"), "--engine": ("zebra",),
                              "--device": ("zebra",), "--checkpoint": ("nowhere",)}),
-    "execute": (("execute", "--scene", str(TRUTH), *COUNT), {"--semantics": ("zebra",), "--collisions": ("zebra", "velocity"),
-                                                             "--scene": ("nowhere.json", "/dev/null", ".", "")}),
-    "parse-question": (("parse-question", "How many collisions happen?"),
+    "program --run": (("program", *COUNT, "--run", str(TRUTH)), {
+        "--semantics": ("zebra",), "--collisions": ("zebra", "velocity"),
+        "--run": ("nowhere.json", "/dev/null", ".", "")}),
+    "program": (("program", "How many collisions happen?"),
                        {"--kind": ("zebra", "choice", "multiple_choice"), "--checkpoint": ("nowhere",),
                         "--question-parser": ("zebra", "http://u:p@host", "network#a"),
                         "--device": ("zebra",)}),
@@ -109,7 +110,7 @@ COMMANDS_WRONG = {
     "action without output": ("data", "motion", "."), "no run folder": ("train", "question-parser"),
     "no frames": ("train", "frame-parser", "--run_dir", "run"), "missing folder": ("data", "verify", "nowhere"),
     "missing data set": ("data", "motion", "nowhere", "-o", "out"),
-    "missing proposals": ("predict-dynamics", "nowhere", "-o", "out"),
+    "missing proposals": ("parse", "nowhere", "-o", "out"),
     "missing scenes": ("generate", "questions", "--scenes", "nowhere", "-o", "out.json"),
     "missing answers": ("score", "nowhere.jsonl", *QUESTIONS_OF),
     "answers without questions": ("score", "{good}/answers.jsonl"),
@@ -155,8 +156,8 @@ OUTPUTS: dict[str, tuple[str, Write, str]] = {
 WRITERS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "evaluate": (EVALUATE_TRUTH[:-2], "-o", "out.json"),
     "evaluate submission": (EVALUATE_TRUTH[:-2], "--submission", "out.json"),
-    "parse-video": (PARSE_ONE, "-o", "scene.json"),
-    "parse-video proposals": ((*PARSE_ONE, "-o", "scene.json"), "--proposals-out", "proposals.json"),
+    "parse": (PARSE_ONE, "-o", "scene.json"),
+    "parse proposals": ((*PARSE_ONE, "-o", "scene.json"), "--proposals-out", "proposals.json"),
     "visualize": (("visualize", "{good}/video.mp4"), "-o", "image.png"),
     "visualize video": (("visualize", "{good}/video.mp4"), "-o", "out.mp4"),
     "demo": (("demo",), "-o", "demo.png"),
@@ -167,15 +168,15 @@ WRITERS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "generate questions": (("generate", "questions", "--scenes", "{good}/truth", "--workers", "1"), "--output", "out.json"),
 }  # fmt: skip
 FOLDER_WRITERS: dict[str, tuple[tuple[str, ...], str]] = {
-    "parse-videos": (PARSE[:2] + PARSE[4:], "-o"),
-    "predict-dynamics": (PREDICT[:2] + PREDICT[4:], "-o"),
+    "parse (videos)": (PARSE[:2] + PARSE[4:], "-o"),
+    "parse (proposals)": (PREDICT[:2] + PREDICT[4:], "-o"),
     "data motion": (("data", "motion", "{good}/release", "--split", "validation", "--workers", "1"), "-o"),
     "generate dataset": (("generate", "dataset", *GENERATE[4:]), "--output"),
     "experiment": (("experiment", "rows.yaml"), "-o"),
     "train": (("train", "question-parser", *TRAIN[4:]), "--run_dir"),
     "export": (EXPORT[:4], "-o"),
 }
-ENDING_DECIDES = ("parse-video", "visualize", "demo")
+ENDING_DECIDES = ("parse", "visualize", "demo")
 """Outputs whose form the ending decides."""
 NO_ENDINGS = ("visualize video",)
 """Outputs whose endings are tried by another of these commands."""

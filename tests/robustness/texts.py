@@ -46,11 +46,11 @@ def refused_texts() -> Iterator[tuple[str, str]]:
 def text_cases() -> Iterator[Case]:
     """All wrong programs and texts."""
     for name, text in refused_texts():
-        yield Case("text, parse-question", name, ("parse-question", text))
+        yield Case("text, program", name, ("program", text))
     for name, text in PROGRAMS.items():
-        yield Case("program", name, ("execute", "--scene", str(TRUTH), f"--program={text}"))
+        yield Case("program", name, ("program", "--run", str(TRUTH), "--", text))
     for name, text in TEXTS.items():
-        yield Case("text, parse-question", name, ("parse-question", text))
+        yield Case("text, program", name, ("program", text))
         yield Case("text, answer", name, ("answer", str(TRUTH), f"-q={text}"))
     for name, choices in {"descriptive question with choices": ["the presence of the cube"]}.items():
         yield Case("text, choice", name, (*ANSWER, *(f"-c={c}" for c in choices)))

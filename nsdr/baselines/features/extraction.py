@@ -1,4 +1,4 @@
-"""Extraction of features from videos, resumable and in parallel: `nsdr extract-features`."""
+"""Extraction of features from videos, resumable and in parallel: `nsdr data features`."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace

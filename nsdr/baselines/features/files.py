@@ -1,4 +1,4 @@
-"""Features of videos for the baselines: their settings, and the folder that `nsdr extract-features` writes."""
+"""Features of videos for the baselines: their settings, and the folder that `nsdr data features` writes."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -244,7 +244,7 @@ class Features(Protocol):
 
 
 def as_inputs(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """What `Features.get` returns, from features as `nsdr extract-features` stores them."""
+    """What `Features.get` returns, from features as `nsdr data features` stores them."""
     found: dict[str, NDArray[Any]] = {kind: value.astype(np.float32) for kind, value in stored.items()}
     if "objects" in found:
         left, _, right, _ = np.moveaxis(found["objects"][..., -BOX_NUMBERS:], -1, 0)
@@ -253,7 +253,7 @@ def as_inputs(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 class FeatureCache:
-    """The features of videos that `nsdr extract-features` wrote to a folder.
+    """The features of videos that `nsdr data features` wrote to a folder.
 
     Files are mapped into memory, so processes that read the same file share it.
 
@@ -273,7 +273,7 @@ class FeatureCache:
         self.folder = Path(folder)
         path = self.folder / MANIFEST
         if not path.is_file():
-            raise DataError(f"{folder}: holds no features; `nsdr extract-features --root DATA -o {folder}` makes them")
+            raise DataError(f"{folder}: holds no features; `nsdr data features --root DATA -o {folder}` makes them")
         self.manifest: dict[str, Any] = read_json(path)
         shapes = self.manifest.get("shapes") if isinstance(self.manifest, dict) else None
         settings = self.manifest.get("features") if isinstance(self.manifest, dict) else None
@@ -325,13 +325,13 @@ class FeatureCache:
         """
         kinds, path = [kind for kind in KINDS if kind in needs], feature_file(self.folder, scene_index)
         self._check_kinds(kinds)
-        again = "delete it and run `nsdr extract-features` again"
+        again = "delete it and run `nsdr data features` again"
         try:
             path.open("rb").close()  # safetensors says "no such file" whatever the system's error is
             with safe_open(path, "np") as file:
                 stored = {kind: file.get_tensor(kind) for kind in kinds}
         except FileNotFoundError as e:
-            why = f"run `nsdr extract-features` to its end on a data set with video {scene_index}"
+            why = f"run `nsdr data features` to its end on a data set with video {scene_index}"
             raise DataError(f"{path}: no such file; {why}") from e
         except (OSError, MemoryError) as e:
             raise machine_error(e, path) or MachineError(f"{path}: cannot be read ({e})") from e
