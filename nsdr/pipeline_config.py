@@ -13,7 +13,7 @@ from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, we
 from nsdr.errors import DataError
 from nsdr.frame_parser.check.video import VideoConfig
 from nsdr.io.checkpoint import PIPELINE, find_checkpoint, folder_of_part, has_part, load_description
-from nsdr.io.configuration import parse_config
+from nsdr.io.configuration import option, parse_config
 from nsdr.io.device import PRECISIONS
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.shipped import find_config
@@ -117,7 +117,7 @@ def pipeline_settings(
             raise DataError(f"--set {override}: expected key=value, such as tracker.score=0.8")
         if key.split(".")[0] not in known:
             raise DataError(f"--set {override}: expected a setting of {', '.join(known)}")
-        argv += [f"--{key}", value]
+        argv += [option(key), value]
     config = parse_config(PipelineConfig, argv, "nsdr")
     backend_settings(config.dynamics)
     return config
@@ -134,7 +134,7 @@ def _saved_with(checkpoint: str | Path) -> list[str]:
     if has_part(folder, "dynamics") and not has_part(folder, "collisions"):
         argv += ["--dynamics.backend", str(load_description(folder, "dynamics").get("network", "propnet"))]
     if has_part(folder, "question_parser") and not has_part(folder, "frame_parser"):
-        argv += ["--question_parser", NETWORK]
+        argv += [option("question_parser"), NETWORK]
     return argv
 
 

@@ -32,7 +32,8 @@ def answer_options(parser: Any) -> None:
     add("video", help=f"{VIDEO}, or a scene saved by nsdr parse")
     add("-q", "--question", required=True, help="in CLEVRER's English")
     add("-c", "--choice", action="append", default=[], help="an option, or a candidate for the answer; repeatable")
-    add("--system", default="", help="answer by a trained baseline: folder or name of a checkpoint, such as truth/mac")
+    system = "answer by a trained baseline: folder or name of a checkpoint, such as truth/mac"
+    add("--system", default="", metavar="FOLDER|NAME", help=system)
     add("--trace", action="store_true", help="print every executed step")
     add("--json", action="store_true", help="print the answer as JSON")
     shared_options(parser, "failures", "parser", "extensions", "checkpoint", "pipeline", "video")
@@ -107,7 +108,12 @@ def program_options(parser: Any) -> None:
     add("text", help="a question or choice in CLEVRER's English; with --run, the tokens of a program")
     add("--kind", default="auto", choices=["auto", "descriptive", "multiple_choice", "choice"], help="kind of text")
     shared_options(parser, "parser", "extensions", "checkpoint")
-    add("--run", default=None, help="scene saved by nsdr parse on which the program is run; official: prediction file")
+    add(
+        "--run",
+        default=None,
+        metavar="FILE",
+        help="run it on a scene of nsdr parse; official: a prediction file",
+    )
     add("--semantics", default=None, choices=["paper", "official"], help="with --run: of the executor (default: paper)")
     velocity = "with the official semantics: velocity is NE (default: predicted)"
     add("--collisions", default=None, choices=["predicted", "velocity"], help=velocity)
@@ -167,7 +173,7 @@ def _run(options: Any) -> int:
 
 
 def demo_options(parser: Any) -> None:
-    parser.add_argument("-o", "--output", default="nsdr_demo.png", help="annotated image to write")
+    parser.add_argument("-o", "--output", default="nsdr_demo.png", metavar="FILE", help="annotated image to write")
     shared_options(parser, "checkpoint")
 
 

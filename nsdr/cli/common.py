@@ -41,25 +41,36 @@ class Command(NamedTuple):
     add_options: Callable[[Any], None] | None = None
 
 
+GROUPS = {
+    "weights and settings": ("checkpoint", "device", "dynamics", "config", "set"),
+    "the video": ("force", "background", "fps"),
+    "reading questions": ("question_parser", "extensions"),
+    "work": ("workers", "engine", "keep_going"),
+}
+"""Options that several commands have, by their headings in the help."""
+
+
 def shared_options(parser: Any, *groups: str) -> None:
     """Add groups of options that several commands share, such as "checkpoint", "pipeline" and "video"."""
     add = parser.add_argument
+    parser.headings.update(GROUPS)
     if "checkpoint" in groups:
         add("--checkpoint", default="default", help="folder or name of the weights")
-        add("--device", default="auto", help="where networks run: auto, cpu, cuda or cuda:N")
+        add("--device", default="auto", metavar="auto|cpu|cuda|cuda:N", help="where networks run")
     if "pipeline" in groups:
-        backend = "backend (physics, propnet, propnet_patches, propnet_images, an installed one) or YAML file"
-        add("--dynamics", default="", help=backend)
-        add("--config", default="", help="settings of all parts: a YAML file, or a name, such as paper")
-        add("--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable")
+        backend = "backend: physics, propnet, propnet_patches, propnet_images, an installed one, or a YAML file"
+        add("--dynamics", default="", metavar="NAME|FILE", help=backend)
+        add("--config", default="", metavar="FILE|paper", help="settings of all parts: a YAML file, or one that ships")
+        setting = "one setting, such as tracker.score=0.8; repeatable"
+        add("--set", action="append", default=[], metavar="NAME=VALUE", help=setting)
     if "video" in groups:
         add("--force", action="store_true", help="go on with videos that are not of CLEVRER's scene")
         background = "image of the scene without objects, for another camera or other lamps"
-        add("--background", default="", help=background)
+        add("--background", default="", metavar="FILE", help=background)
         add("--fps", type=NonNegativeFloat, default=0.0, help="frames per second, in place of what the video says")
     if "parser" in groups:
-        parsers = "grammar (default), network, or a language model: http://localhost:8000/v1[#MODEL]"
-        add("--question-parser", default="", help=parsers)
+        parsers = "grammar (default), the paper's network, or the address of a language model, http://localhost:8000/v1[#MODEL]"
+        add("--question-parser", default="", metavar="grammar|network|URL", help=parsers)
     if "extensions" in groups:
         beyond = "also read questions beyond CLEVRER: speeds, directions, masses, changed objects (docs/questions.md)"
         add("--extensions", action="store_true", help=beyond)

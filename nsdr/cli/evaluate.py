@@ -12,15 +12,25 @@ from nsdr.cli.common import Command, check_outputs, failures_line, print_notes, 
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output_folder
 
+WHAT = ("root", "split", "questions", "data", "source", "programs", "limit")
+"""Options of `nsdr evaluate` that say what is evaluated."""
+RARE = (
+    *("types", "every", "tags_from", "videos", "truth", "truth_source", "semantics", "collisions", "counterfactuals"),
+    *("data_set_rules", "engine"),
+)
+"""Options of `nsdr evaluate` for experiments."""
+
 
 def evaluate_options(parser: Any) -> None:
     from nsdr.evaluation import EvaluationConfig
 
     add = parser.add_argument
+    parser.headings["what is evaluated"], parser.more = WHAT, RARE
     add("--types", nargs="+", default=list(QUESTION_TYPES), help="question types")
-    add("--set", action="append", default=[], help="one setting, such as tracker.score=0.8; repeatable")
-    add("-o", "--output", default=None, help="write the table and every result as JSON")
-    add("--submission", default=None, help="write the answers as an EvalAI submission")
+    setting = "one setting, such as tracker.score=0.8; repeatable"
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help=setting)
+    add("-o", "--output", default=None, metavar="FILE", help="write the table and every result as JSON")
+    add("--submission", default=None, metavar="FILE", help="write the answers as an EvalAI submission")
     shared_options(parser, "parser", "failures")
     explicit = {"types", "set", "question_parser"}
     parser.add_class_arguments(EvaluationConfig, as_group=False, skip=explicit)

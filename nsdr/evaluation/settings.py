@@ -34,7 +34,7 @@ class EvaluationConfig(Settings):
     Attributes:
         questions: question file; "" with `root`.
         data: folder or file that `source` reads; "" with `root`.
-        root: data set in the official layout (see `nsdr.clevrer.CLEVRER`), in place of `questions` and `data`.
+        root: folder of a data set in the official layout (see `nsdr.clevrer.CLEVRER`), in place of `questions` and `data`.
         split: "train", "validation" or "test" of `root`.
         source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
         videos: folder of the videos that the proposals of `data` are of, for a dynamics backend that reads images.

@@ -13,6 +13,7 @@ from typing import Any, TypeVar, get_args
 import jsonargparse
 
 from nsdr.errors import DataError
+from nsdr.io.help import formatted_help
 from nsdr.io.reading import read_yaml
 
 T = TypeVar("T")
@@ -21,7 +22,41 @@ UNUSABLE = (jsonargparse.ArgumentError, TypeError, ValueError, KeyError, Attribu
 
 
 class OptionParser(jsonargparse.ArgumentParser):
-    """A parser that refuses an option that is given twice, of which argparse drops the first value without a word."""
+    """A parser whose options are spelled with dashes, also where a field of a configuration has underscores.
+
+    It refuses an option that is given twice, of which argparse drops the first value without a word.
+
+    Attributes:
+        headings: names of options by their headings in the help; the others stand before them.
+        more: names of options that the help lists without describing them.
+    """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.headings: dict[str, tuple[str, ...]] = {}
+        self.more: tuple[str, ...] = ()
+        self._needed: list[str] = []
+
+    def parse_args(self, args: Sequence[str] | None = None, *others: Any, **named: Any) -> Any:
+        """As argparse, but for the spelling; raises `DataError` for an option with underscores."""
+        arguments = sys.argv[1:] if args is None else list(args)
+        self._needed = [a.dest for a in self._actions if a.required]  # jsonargparse hides it from argparse
+        end = arguments.index("--") if "--" in arguments else len(arguments)
+        return super().parse_args([*map(self._of_field, arguments[:end]), *arguments[end:]], *others, **named)
+
+    def format_help(self, formatter: Any = None) -> str:
+        """The options by groups, with types as people write them."""
+        return formatted_help(self, self._needed, self.headings, self.more)
+
+    def _of_field(self, argument: str) -> str:
+        """An argument with the name that jsonargparse gives the option of a field."""
+        name, equals, value = argument.partition("=")
+        if not name.startswith("--") or (name in ("--", *self._option_string_actions) and "_" not in name):
+            return argument
+        if "_" in name:
+            raise DataError(f"{name}: options are spelled with dashes: {name.replace('_', '-')}")
+        field = f"--{name[2:].replace('-', '_')}"
+        return field + equals + value if field in self._option_string_actions or "." in field else argument
 
     def check_repeated(self, arguments: Sequence[str]) -> None:
         """Raises `DataError` where an option is there twice that is not to be repeated; names it."""
@@ -31,11 +66,11 @@ class OptionParser(jsonargparse.ArgumentParser):
             name = argument.partition("=")[0]
             if not name.startswith("--"):
                 name = name[:2]  # the value may follow without a space
-            action = actions.get(name)
+            action = actions.get(name) or actions.get(name[:2] + name[2:].replace("-", "_"))
             if isinstance(action, argparse._AppendAction | jsonargparse.ActionConfigFile):
                 continue
             if action is not None or name.startswith("--"):
-                given.append("/".join(action.option_strings) if action else name)
+                given.append("/".join(action.option_strings).replace("_", "-") if action else name)
         for name, times in Counter(given).items():
             if times > 1:
                 raise DataError(f"{name} is given {times} times, of which one alone would count; give it once")
@@ -48,7 +83,7 @@ def parse_config(
     epilog: str = "",
     short: Mapping[str, str] = MappingProxyType({}),
 ) -> T:
-    """The configuration `kind` from arguments such as `["--config", "a.yaml", "--loop.steps", "10"]`.
+    """The configuration `kind` from arguments such as `["--config", "a.yaml", "--loop.batch-size", "10"]`.
 
     Args:
         kind: the dataclass.
@@ -82,6 +117,11 @@ def parse_config(
     except UNUSABLE as e:
         where = f"{', '.join(files)}: " if files else "" if isinstance(e, DataError) else f"{program}: "
         raise DataError(where + (" ".join(str(e).split()) or type(e).__name__)) from e
+
+
+def option(field: str) -> str:
+    """The option of a field, such as "--loop.batch-size" of "loop.batch_size"."""
+    return f"--{field.replace('_', '-')}"
 
 
 def _in_full(argument: str, short: Mapping[str, str]) -> str:

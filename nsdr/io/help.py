@@ -1,0 +1,154 @@
+"""The help of a command: its options by groups, with types as people write them."""
+
+import argparse
+import re
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from msgspec import Meta
+
+WIDTH, INDENT = 110, 30
+"""Longest line, and where the descriptions begin (columns)."""
+PLACE = re.compile(r"(?:an? )?(?:[\w-]+ )?(folder or file|file or folder|folder|file)\b", re.IGNORECASE)
+"""The beginning of a description of a path."""
+PLACES = {"FOLDER": "FOLDER", "FILE": "FILE"}
+"""Words of descriptions that are written as they are; others are any path."""
+NOT_SHOWN = (None, "", False, [], (), argparse.SUPPRESS)
+"""Defaults that are not worth a word."""
+
+
+def written(kind: Any) -> str:
+    """How people write values of a type: `NUMBER`, `TEXT`, `PATH`, `a|b|c`, `[TEXT, …]`, `{TEXT: NUMBER, …}`."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        return _annotated(*arguments)
+    if origin in (Union, UnionType):
+        return "|".join(dict.fromkeys(written(option) for option in arguments if option is not NoneType))
+    if origin is Literal:
+        return "|".join(map(str, arguments))
+    if kind is bool:
+        return "true|false"
+    if isinstance(kind, type) and issubclass(kind, int | float):
+        return "NUMBER"
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return f"{{{written(arguments[0])}: {written(arguments[1])}, …}}"
+    if isinstance(origin, type) and issubclass(origin, Sequence | tuple):
+        return f"[{written(arguments[0])}, …]"
+    return "TEXT"
+
+
+def _annotated(kind: Any, *rules: Any) -> str:
+    for rule in rules:
+        if isinstance(rule, Meta) and rule.pattern and rule.pattern.startswith("^("):
+            return rule.pattern.removeprefix("^(").removesuffix(")$").replace("\\", "")
+        if kind is str and isinstance(rule, Meta) and rule.min_length:
+            return "PATH"
+    return written(kind)
+
+
+def formatted_help(parser: Any, needed: Sequence[str], groups: Mapping[str, Sequence[str]], more: Sequence[str]) -> str:
+    """The help of a parser.
+
+    Settings of sections (`--loop.steps`) are not described one by one: the sections are named.
+
+    Args:
+        parser: of jsonargparse.
+        needed: names of what is required.
+        groups: names of options by headings, which stand in this order after all other options.
+        more: names of options that are listed without a description.
+    """
+    actions = [a for a in parser._actions if a.help != argparse.SUPPRESS and a.dest not in more]
+    sections = {a.dest.split(".")[0]: None for a in actions if "." in a.dest or _is_section(a)}
+    shown = [a for a in actions if "." not in a.dest and a.dest not in sections]
+    named = {name for names in groups.values() for name in names}
+    rows = {
+        "arguments": [a for a in shown if not a.option_strings],
+        "options": [a for a in shown if a.option_strings and a.dest not in named],
+        **{title: [a for a in shown if a.option_strings and a.dest in names] for title, names in groups.items()},
+    }
+    usage = [_value(a) for a in rows["arguments"]]
+    usage += [_invocation(a).split(", ")[-1] for a in shown if a.option_strings and a.dest in needed]
+    lines = [
+        f"usage: {' '.join([parser.prog, *usage, '[options]'])}",
+        "",
+        *textwrap.wrap(parser.description or "", WIDTH),
+    ]
+    for title, listed in rows.items():
+        if listed:
+            lines += ["", f"{title}:", *(line for a in listed for line in _described(a, a.dest in needed))]
+    if sections:
+        about = "settings of a section; --config FILE has them, too, and --print-config prints all"
+        lines += ["", "sections:", *_row(", ".join(f"--{_dashed(name)}.NAME" for name in sections), about)]
+    if more:
+        lines += ["", "more (docs/cli.md):", *_wrapped(", ".join(f"--{_dashed(name)}" for name in more), "  ")]
+    return "\n".join([*lines, *(["", *_wrapped(parser.epilog, "")] if parser.epilog else []), ""])
+
+
+def _is_section(action: Any) -> bool:
+    kind = getattr(action, "_typehint", None)
+    return any(is_dataclass(option) for option in (kind, *get_args(kind)))
+
+
+def _described(action: argparse.Action, required: bool) -> Iterator[str]:
+    about = " ".join((action.help or "").split()).replace("%%", "%").rstrip(".")
+    if action.dest == "print_config":
+        about = "print all settings as a YAML file, and do nothing else"
+    default = _default(action)
+    shows = [] if default is None or "(default" in about else [f"default: {default}"]
+    notes = [*(["required"] if action.option_strings and required else []), *shows]
+    yield from _row(_invocation(action), f"{about} ({', '.join(notes)})" if notes else about)
+
+
+def _default(action: argparse.Action) -> str | None:
+    value = action.default
+    if any(value is none or value == none for none in NOT_SHOWN) or not action.option_strings:
+        return None
+    if isinstance(value, list | tuple):
+        return " ".join(map(str, value))
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key}: {item}' for key, item in value.items())}}}"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _invocation(action: argparse.Action) -> str:
+    value = _value(action)
+    if not action.option_strings:
+        return value
+    return ", ".join(map(_dashed, action.option_strings)) + (f" {value}" if value else "")
+
+
+def _value(action: argparse.Action) -> str:
+    kind = getattr(action, "_typehint", None)
+    if action.nargs == 0 or action.dest == "print_config":
+        return ""
+    if action.choices is not None:
+        value = "|".join(str(choice) for choice in action.choices if choice != "")
+    elif action.metavar is not None and kind is None:
+        value = str(action.metavar)
+    elif not action.option_strings:
+        value = action.dest.upper()
+    else:
+        value = written(kind or action.type)
+        if value == "TEXT" and (place := PLACE.match(action.help or "")):
+            value = PLACES.get(place[1].upper(), "PATH")
+    if action.nargs == "?":
+        return f"[{value}]"
+    return f"{value} …" if action.nargs == "+" else value
+
+
+def _dashed(name: str) -> str:
+    return name.replace("_", "-")
+
+
+def _row(name: str, about: str) -> list[str]:
+    lines = textwrap.wrap(about, WIDTH - INDENT, break_on_hyphens=False) or [""]
+    head = f"  {name}"
+    first = [f"{head:<{INDENT}}{lines[0]}".rstrip()] if len(head) + 2 <= INDENT else [head, " " * INDENT + lines[0]]
+    return [*first, *(" " * INDENT + line for line in lines[1:])]
+
+
+def _wrapped(text: str, indent: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
