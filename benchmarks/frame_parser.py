@@ -133,7 +133,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=4, help="measure accuracy on every n-th frame; 0 leaves it out")
     parser.add_argument("--precision", nargs="+", default=["auto"], choices=PRECISIONS)
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--reference_frames", type=int, default=3, help="0 leaves torchvision's networks out")
+    parser.add_argument("--reference-frames", type=int, default=3, help="0 leaves torchvision's networks out")
     options = parser.parse_args()
     folder = find_checkpoint(options.checkpoint)
     if options.objectness:

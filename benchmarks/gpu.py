@@ -189,7 +189,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--small", action="store_true", help="few frames, videos and steps, to try the script")
     parser.add_argument("--only", nargs="+", default=[""], help="rows whose names contain one of these")
     parser.add_argument("--data", type=Path, help="folder that an earlier run made in its --work; made anew without")
-    parser.add_argument("--at_once", type=int, default=min(4, available_cores()), help="rows without times at a time")
+    parser.add_argument("--at-once", type=int, default=min(4, available_cores()), help="rows without times at a time")
     parser.add_argument("--revision", default=code_revision(), help="of the code, where the folder of Git is missing")
     parser.add_argument("--work", type=Path, default=Path("runs/gpu"), help="folder of data and runs, which is kept")
     options = parser.parse_args(argv)

@@ -244,16 +244,16 @@ def same_answers(found: Sequence[Answer], expected: Sequence[Answer]) -> Result:
 
 def trainings() -> dict[str, list[str]]:
     """Part, configuration and other arguments of `nsdr train`; DATA stands for the folder of `Setting.data`."""
-    motion = "--proposals DATA/motion/proposals.npz --truth DATA/motion/truth.json.gz --evaluation_scenes 1"
+    motion = "--proposals DATA/motion/proposals.npz --truth DATA/motion/truth.json.gz --evaluation-scenes 1"
     lines = {
-        "frame-parser": "frame-parser frame_parser/default --frames DATA/frames --evaluation_frames 2",
+        "frame-parser": "frame-parser frame_parser/default --frames DATA/frames --evaluation-frames 2",
         "collisions": f"collisions dynamics/collisions {motion}",
-        "question-parser": "question-parser question_parser/default --evaluation_texts 4",
+        "question-parser": "question-parser question_parser/default --evaluation-texts 4",
         "dynamics on states": f"dynamics dynamics/propnet {motion}",
         "dynamics on masks": f"dynamics dynamics/propnet_patches {motion}",
-        "dynamics on images": "dynamics dynamics/propnet_images --data DATA/set --evaluation_scenes 1",
+        "dynamics on images": "dynamics dynamics/propnet_images --data DATA/set --evaluation-scenes 1",
     }
-    questions = "--questions DATA/set/questions/train.json --validation DATA/set/questions/train.json --plain_steps 0"
+    questions = "--questions DATA/set/questions/train.json --validation DATA/set/questions/train.json --plain-steps 0"
     for name in BASELINES.names():
         features = "--features DATA/features" if BASELINES[name].needs & set(KINDS) else ""
         lines[f"baseline {name}"] = f"baseline baselines/small/{name} {questions} {features}"
@@ -265,9 +265,9 @@ def arguments_of(setting: Setting, name: str, folder: Path, steps: int) -> list[
     shutil.rmtree(folder, ignore_errors=True)
     part, config, *rest = trainings()[name]
     data = str(setting.data()) if any("DATA" in argument for argument in rest) else ""
-    loop = f"--loop.steps {steps} --loop.save_every {steps // 2} --loop.log_every 1 --loop.evaluate_every 0"
-    loop += " --loop.batch_size 2" if setting.small else ""
-    where = ["--run_dir", str(folder), "--loop.device", setting.real, *loop.split()]
+    loop = f"--loop.steps {steps} --loop.save-every {steps // 2} --loop.log-every 1 --loop.evaluate-every 0"
+    loop += " --loop.batch-size 2" if setting.small else ""
+    where = ["--run-dir", str(folder), "--loop.device", setting.real, *loop.split()]
     return [part, "--config", f"{CONFIGS}/{config}.yaml", *(x.replace("DATA", data) for x in rest), *where]
 
 

@@ -93,20 +93,20 @@ def commands(data: Path, videos: int, count: int) -> dict[str, Command]:
 
     def training(part: str, *arguments: str) -> Command:
         loop = (
-            f"--loop.steps {count} --loop.batch_size 2 --loop.log_every 1 --loop.save_every 6 --loop.evaluate_every 20"
+            f"--loop.steps {count} --loop.batch-size 2 --loop.log-every 1 --loop.save-every 6 --loop.evaluate-every 20"
         )
-        options = f"--run_dir out {loop} --loop.device cpu".split()
+        options = f"--run-dir out {loop} --loop.device cpu".split()
         return Command(("train", part, *arguments, *options), "step", steps, saved_steps)
 
     motion = ("--proposals", f"{data}/motion/proposals.npz", "--truth", f"{data}/motion/truth.json.gz")
     return {
         "generate dataset": work("video", *generation("out", videos, SHORT_FRAMES)),
         "train question-parser": training(
-            *("question-parser", "--model.embedding", "8", "--model.hidden", "16", "--evaluation_texts", "5")
+            *("question-parser", "--model.embedding", "8", "--model.hidden", "16", "--evaluation-texts", "5")
         ),
         "train dynamics": training("dynamics", *motion, "--model.hidden", "16"),
         "train frame-parser": training(
-            *("frame-parser", "--frames", f"{data}/frames", "--model", network, "--evaluation_frames", "2")
+            *("frame-parser", "--frames", f"{data}/frames", "--model", network, "--evaluation-frames", "2")
         ),
         "parse (proposals)": work(
             *("video", "parse", f"{root}/derender_proposals", "-o", "out", "--form", "predictions"),
@@ -127,7 +127,7 @@ def commands(data: Path, videos: int, count: int) -> dict[str, Command]:
 
 def generation(output: str, videos: int, frames: int) -> list[str]:
     shares = ["--splits.train", "0.3", "--splits.validation", "0.7", "--splits.test", "0"]
-    scene = ["--first_scene", "500300", "--scene.n_frames", str(frames), "--scene.objects", "{3: 1.0}"]
+    scene = ["--first-scene", "500300", "--scene.n-frames", str(frames), "--scene.objects", "{3: 1.0}"]
     image = ["--render.width", "120", "--render.height", "80"]
     return ["generate", "dataset", "-o", output, "--videos", str(videos), *shares, *scene, *image]
 

@@ -3,7 +3,7 @@
 `python -m benchmarks.patch_threshold --checkpoint runs/propnet_images/checkpoint --config configs/dynamics/propnet_images.yaml`
 
 The scenes are those that the training of CONFIG leaves out. Patches of images are read from the run's folder, or made there.
-Other options are those of `nsdr train dynamics`, such as `--proposals FILE --truth FILE --run_dir FOLDER`.
+Other options are those of `nsdr train dynamics`, such as `--proposals FILE --truth FILE --run-dir FOLDER`.
 """
 
 from dataclasses import replace

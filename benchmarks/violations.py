@@ -1,6 +1,6 @@
 """How well violations are found: area under the ROC curve by law and size, what is said of them, and false alarms.
 
-    nsdr generate violations --first_scene 560000 --videos 486 --renderer none -o SUITE
+    nsdr generate violations --first-scene 560000 --videos 486 --renderer none -o SUITE
     python -m benchmarks.violations SUITE --lawful PROPOSALS_VALIDATION.npz --every 5 -o results/violations.md
     python -m benchmarks.violations SUITE --lawful PROPOSALS_VALIDATION.npz --every 80 --rates
     python -m benchmarks.violations --figure docs/images/violations.png

@@ -7,10 +7,10 @@ DATA ?= ../shared/data
 WEIGHTS ?= runs/weights
 STEPS ?=
 
-TRY := $(if $(STEPS),--loop.steps $(STEPS) --loop.warmup_steps 0)
+TRY := $(if $(STEPS),--loop.steps $(STEPS) --loop.warmup-steps 0)
 MOTION := --proposals $(DATA)/real/proposals_train.npz --truth $(DATA)/real/truth_train.json.gz
 FRAMES := --frames $(DATA)/frames
-run = $(NSDR) train $(1) --config configs/$(2).yaml --run_dir $(WEIGHTS)/$(3) $(4) $(TRY)
+run = $(NSDR) train $(1) --config configs/$(2).yaml --run-dir $(WEIGHTS)/$(3) $(4) $(TRY)
 
 PARTS := $(addprefix weights-,frame-parser propnet propnet-patches propnet-images collisions question-parser baselines)
 
@@ -59,7 +59,7 @@ $(WEIGHTS)/default/question_parser.json:
 ASKED := $(WEIGHTS)/baseline_data/statistics.md
 QUESTIONS := --questions $(WEIGHTS)/baseline_data/questions/train.json --validation $(WEIGHTS)/baseline_data/questions/validation.json
 ifdef STEPS
-QUESTIONS += --plain_steps 1
+QUESTIONS += --plain-steps 1
 FEW := --videos 4 --splits '{"train": 0.5, "validation": 0.5}'
 endif
 $(ASKED):

@@ -233,7 +233,7 @@ def test_a_baseline_trains_by_the_command_line(name: str, scenes, folder, tmp_pa
         lines.append(f"features: {folder}")
     config = tmp_path / "training.yaml"
     config.write_text("\n".join(lines))
-    run = ["--run_dir", str(tmp_path / "run"), "--loop.steps", "2", "--loop.batch_size", "8"]
+    run = ["--run-dir", str(tmp_path / "run"), "--loop.steps", "2", "--loop.batch-size", "8"]
     assert main(["train", "baseline", "--config", str(config), "--device", "cpu", *run]) == 0
     output = capsys.readouterr().out.strip()
     trained = TrainedBaseline.from_pretrained(output, device="cpu")

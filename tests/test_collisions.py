@@ -110,8 +110,8 @@ def test_the_step_loss_is_a_cross_entropy_that_shares_odd_frames() -> None:
 
 def test_training_learns_saves_and_is_loaded(tiny_motion: tuple[Path, Path], tmp_path: Path) -> None:
     proposals, truth = tiny_motion
-    options = ["--proposals", str(proposals), "--truth", str(truth), "--run_dir", str(tmp_path / "run")]
-    options += ["--loop.steps", "60", "--loop.batch_size", "4", "--loop.learning_rate", "0.01", "--model.width", "8"]
+    options = ["--proposals", str(proposals), "--truth", str(truth), "--run-dir", str(tmp_path / "run")]
+    options += ["--loop.steps", "60", "--loop.batch-size", "4", "--loop.learning-rate", "0.01", "--model.width", "8"]
     folder = training.main([*options, "--output", str(tmp_path / "weights")])
     detector = TrackCollisionDetector.from_pretrained(folder)
     data = training.read_motion_dataset(proposals, truth)

@@ -204,7 +204,7 @@ def test_bfloat16_is_refused_on_processors_without_it(monkeypatch) -> None:
         ["parse", "PROPOSALS", "-o", "predictions", "--form", "predictions"],
         ["visualize", str(VIDEO), "-o", "a.html"],
         ["demo", "-o", "demo.png"],
-        ["train", "question-parser", "--run_dir", "run"],
+        ["train", "question-parser", "--run-dir", "run"],
     ],
     ids=lambda command: command[0],
 )

@@ -31,7 +31,7 @@ OBJECTS = [
     {"id": 1, "color": "blue", "material": "rubber", "shape": "cube"},
 ]
 COLLISION_FRAME = 40
-STEP = ["--loop.steps", "1", "--loop.batch_size", "2", "--loop.device", "cpu", "--model.hidden", "8"]
+STEP = ["--loop.steps", "1", "--loop.batch-size", "2", "--loop.device", "cpu", "--model.hidden", "8"]
 
 
 def locations(frame: int) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -90,7 +90,7 @@ def official(tmp_path_factory) -> Path:
 def convert_and_train(root: Path, folder: Path) -> tuple[Path, Path]:
     assert main(["data", "motion", str(root), "-o", str(folder), "--workers", "1"]) == 0
     files = folder / "proposals.npz", folder / "truth.json.gz"
-    inputs = ["--proposals", str(files[0]), "--truth", str(files[1]), "--run_dir", str(folder / "run")]
+    inputs = ["--proposals", str(files[0]), "--truth", str(files[1]), "--run-dir", str(folder / "run")]
     assert main(["train", "dynamics", *inputs, *STEP]) == 0
     assert (folder / "run/checkpoint/dynamics.safetensors").exists()
     return files

@@ -459,7 +459,7 @@ def test_the_command_writes_questions_that_can_be_read_and_tagged(truths, tmp_pa
     for truth in truths[:2]:
         (tmp_path / f"truth_{truth['scene_index']:05d}.json").write_text(json.dumps(truth))
     output = str(tmp_path / "questions.json")
-    wanted = ["--questions.extensions", "true", "--questions.changed_per_video", "2", "--questions.max_options", "2"]
+    wanted = ["--questions.extensions", "true", "--questions.changed-per-video", "2", "--questions.max-options", "2"]
     assert main(["generate", "questions", "--scenes", str(tmp_path), "-o", output, "--workers", "1", *wanted]) == 0
     questions = [q for scene in read_questions(output) for q in scene.questions]
     answers = {q.subtype: q.answer for q in questions}

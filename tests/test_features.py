@@ -304,7 +304,7 @@ def test_truth_is_extracted_by_the_command_line(annotated, tmp_path, capsys) -> 
     assert main([*given, "--from", "pixels"]) == 2
     assert main([*given, "--features.source=proposals"]) == 2
     assert "--from says what features are made from" in capsys.readouterr().err
-    assert main([*given[:-3], str(tmp_path / "other"), "--features.pooled_grid", "[3, 6]"]) == 2
+    assert main([*given[:-3], str(tmp_path / "other"), "--features.pooled-grid", "[3, 6]"]) == 2
     assert "pooled_grid is [3, 6]; expected divisors of the grid's [8, 12]" in capsys.readouterr().err
 
 

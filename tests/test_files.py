@@ -224,7 +224,7 @@ def test_annotations_round_trip(tmp_path) -> None:
 
 
 def test_an_annotation_has_its_own_length(root, tmp_path) -> None:
-    """As `nsdr generate dataset --scene.n_frames 64` writes them, and as some of the release are."""
+    """As `nsdr generate dataset --scene.n-frames 64` writes them, and as some of the release are."""
     short = good.annotation(3)
     short["motion_trajectory"] = short["motion_trajectory"][:64]
     path = root / "annotations" / "train" / "annotation_00003.json"

@@ -32,7 +32,7 @@ def test_rows_go_on_after_a_failure_and_the_death_of_their_process(tmp_path: Pat
         lambda small: {"results: a": dies, "b": fails, "results: c": differs, "d": question_parser},
     )
     table = tmp_path / "gpu.md"
-    options = ["--device", SIMULATED, "--small", "--work", str(tmp_path), "--at_once", "2", "--revision", "abc"]
+    options = ["--device", SIMULATED, "--small", "--work", str(tmp_path), "--at-once", "2", "--revision", "abc"]
     assert gpu.main(["-o", str(table), *options]) == 1
     assert "`make gpu` with `--small` at revision abc, " in table.read_text()
     head, a, b, c, d = table.read_text().splitlines()[-5:]

@@ -15,15 +15,15 @@ from nsdr.cli.main import main
 from tests.test_docs import ROOT, commands
 
 MADE = (
-    "generate dataset --config configs/generate/preview.yaml -o ROOT --videos 4 --counterfactual_videos 1 --workers 1 "
-    "--scene.n_frames 64 "
+    "generate dataset --config configs/generate/preview.yaml -o ROOT --videos 4 --counterfactual-videos 1 --workers 1 "
+    "--scene.n-frames 64 "
     '--splits \'{"train": 0.25, "validation": 0.5, "test": 0.25}\' --render.width 240 --render.height 160'
 )
 """The data set of all pages: that of docs/export.md, with fewer, smaller and shorter videos."""
 SHORTER = {
     "nsdr generate violations": "--videos 2",
     "nsdr compare-videos": "--keep-going",
-    "nsdr train baseline": "--questions ROOT/questions/train.json --validation VALIDATION --plain_steps 0 --loop.steps 2",
+    "nsdr train baseline": "--questions ROOT/questions/train.json --validation VALIDATION --plain-steps 0 --loop.steps 2",
 }
 """What is added, in place of the page's own values, to commands that would take long or whose data are of another page."""
 VALUES = {
@@ -52,7 +52,7 @@ PAGES = {
 LEFT_OUT = (
     *("…", "|", "--help", "FORMAT"),  # no whole commands
     *("http:", "--render.assets", "paper.yaml", "--source videos", "--source proposals"),
-    *("generate dataset", "--first_scene 36", "--first_scene 370000", "--first_scene 540000", "--first_scene 580000"),
+    *("generate dataset", "--first-scene 36", "--first-scene 370000", "--first-scene 540000", "--first-scene 580000"),
     *("answers.json", "PAIRS/questions", "OTHER"),
 )
 """In commands that need a server, Blender, hours or many videos, that make more data, or that read what these do not make."""
@@ -110,7 +110,7 @@ def test_the_worked_example_of_another_camera_runs(tmp_path: Path, monkeypatch) 
             continue
         for command in block.replace("\\\n", " ").splitlines():
             if command.startswith("nsdr"):
-                arguments = shlex.split(command.replace("steps 500", "steps 2 --loop.warmup_steps 1"))
+                arguments = shlex.split(command.replace("steps 500", "steps 2 --loop.warmup-steps 1"))
                 assert main(arguments[1:]) == 0, command
             elif not command.startswith("pip"):
                 subprocess.run(command, shell=True, check=True)

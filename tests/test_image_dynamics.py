@@ -254,9 +254,9 @@ def test_a_rollout_goes_on_without_images_after_the_video(root) -> None:
 
 
 def test_training_writes_a_checkpoint_that_a_backend_reads(root, tmp_path) -> None:
-    sizes = ["--patches.hidden", "16", "--patches.channels", "[4, 8, 8]", "--loop.batch_size", "2"]
-    data = ["--network", "propnet_images", "--data", str(root), "--run_dir", str(tmp_path / "run")]
-    few = ["--rollout_steps", "2", "--loop.steps", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
+    sizes = ["--patches.hidden", "16", "--patches.channels", "[4, 8, 8]", "--loop.batch-size", "2"]
+    data = ["--network", "propnet_images", "--data", str(root), "--run-dir", str(tmp_path / "run")]
+    few = ["--rollout-steps", "2", "--loop.steps", "2", "--loop.log-every", "1", "--loop.device", "cpu"]
     output = dynamics.main([*data, *sizes, *few])
     last = json.loads((tmp_path / "run" / "metrics.jsonl").read_text().splitlines()[-1])
     assert {"loss/motion", "loss/image", "loss/collision", "collision_f1", "rollout_error_10"} <= set(last)

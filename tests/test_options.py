@@ -99,7 +99,7 @@ def test_configurations_check_themselves(kind, values, name) -> None:
 
 PARSE = ["parse", VIDEO, "-o", "OUT/scene.json"]
 EVALUATE = ["evaluate", "--questions", "none.json", "--data", "none", "--source", "scenes"]
-DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run_dir", "OUT/run"]
+DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run-dir", "OUT/run"]
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run_dir"
         ([*DYNAMICS, "--loop.steps", "abc"], "loop.steps"),
         ([*DYNAMICS, "--loop", "5"], "loop"),
         (["train", "dynamics"], "proposals"),
-        (["generate", "dataset", "-o", "OUT/new", "--scene.held_out", "[qube]"], "qube"),
+        (["generate", "dataset", "-o", "OUT/new", "--scene.held-out", "[qube]"], "qube"),
         (["generate", "dataset", "-o", "OUT/new", "--config", "OUT"], "a folder"),
         (["data", "frames", "OUT", "--proposals", "OUT", "-o", "OUT/new", "--every", "0"], "every"),
         (["data", "verify", "OUT", "--keep-going"], "--keep-going"),

@@ -86,8 +86,8 @@ def test_good_outputs_leave_no_trace(places: Path) -> None:
         (["generate", "questions", "--scenes", "OUT", "-o", "OUT/fixed/q.json"], "read-only"),
         (["data", "frames", "OUT", "--proposals", "OUT", "-o", "OUT/file.json"], "is no folder"),
         (["data", "motion", "OUT", "-o", "OUT/fixed/x"], "read-only"),
-        (["train", "frame-parser", "--frames", "none", "--run_dir", "OUT/fixed/x"], "read-only"),
-        (["train", "question-parser", "--run_dir", "OUT/new", "--output", "OUT/file.json"], "is no folder"),
+        (["train", "frame-parser", "--frames", "none", "--run-dir", "OUT/fixed/x"], "read-only"),
+        (["train", "question-parser", "--run-dir", "OUT/new", "--output", "OUT/file.json"], "is no folder"),
     ],
 )
 def test_commands_check_their_outputs_before_the_work(capsys, places, monkeypatch, arguments, message) -> None:

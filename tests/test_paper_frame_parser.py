@@ -48,7 +48,7 @@ def test_coco_weights_need_the_network_and_the_file(monkeypatch, tiny_frames, tm
         raise URLError("no network")
 
     monkeypatch.setattr(MaskRCNN_ResNet50_FPN_Weights, "get_state_dict", offline)
-    arguments = ["--config", str(CONFIG), "--frames", str(tiny_frames), "--run_dir", str(tmp_path / "run")]
+    arguments = ["--config", str(CONFIG), "--frames", str(tiny_frames), "--run-dir", str(tmp_path / "run")]
     with pytest.raises(DataError, match=r"cannot be had from https://.* put that file into .*or give --pretrained ''"):
         frame_parser.main(arguments)
     with pytest.raises(DataError, match="both start the weights; give one"):
@@ -58,8 +58,8 @@ def test_coco_weights_need_the_network_and_the_file(monkeypatch, tiny_frames, tm
 @pytest.mark.robustness  # 20 s of CPU time
 def test_the_papers_recipe_trains(coco, tiny_frames, tmp_path) -> None:
     """One step of one frame with the paper's network."""
-    arguments = ["--config", str(CONFIG), "--frames", str(tiny_frames), "--run_dir", str(tmp_path / "run")]
-    few = ["--loop.steps", "1", "--loop.batch_size", "1", "--evaluation_frames", "1", "--loop.device", "cpu"]
+    arguments = ["--config", str(CONFIG), "--frames", str(tiny_frames), "--run-dir", str(tmp_path / "run")]
+    few = ["--loop.steps", "1", "--loop.batch-size", "1", "--evaluation-frames", "1", "--loop.device", "cpu"]
     output = frame_parser.main([*arguments, *few])
     state, card = load_checkpoint(output, "frame_parser")
     assert card["training"]["pretrained"] == "coco"

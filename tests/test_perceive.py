@@ -191,8 +191,8 @@ def test_scenes_are_left_out_and_skipped_with_either_way_to_give_them(tmp_path, 
         assert main(["evaluate", *given, *options, "--keep-going"]) == 0
         report = json.loads((tmp_path / "out.json").read_text())
         assert [r["scene_index"] for r in report["results"]] == [10000, 10002]
-    assert main(["evaluate", *given, "--truth_source", "scenes", "--truth", str(tmp_path)]) == 2
-    assert "source scenes needs no pipeline: --truth_source would do nothing" in capsys.readouterr().err
+    assert main(["evaluate", *given, "--truth-source", "scenes", "--truth", str(tmp_path)]) == 2
+    assert "source scenes needs no pipeline: --truth-source would do nothing" in capsys.readouterr().err
 
 
 def test_every_setting_of_an_evaluation_is_an_option(capsys) -> None:
@@ -219,8 +219,8 @@ def test_every_setting_of_an_evaluation_is_an_option(capsys) -> None:
             "--dynamics would do nothing",
         ),
         (
-            ["--source", "predictions", "--semantics", "official", "--truth_source", "truth", "--truth", "x"],
-            "--truth_source would do nothing",
+            ["--source", "predictions", "--semantics", "official", "--truth-source", "truth", "--truth", "x"],
+            "--truth-source would do nothing",
         ),
     ],
 )

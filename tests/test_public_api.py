@@ -87,7 +87,7 @@ def _commands() -> Iterator[str]:
             yield f"nsdr {' '.join(words)}"
             heads = re.findall(r"^ {2,4}(-.*?)(?:  |$)", text.getvalue(), flags=re.MULTILINE)
             options = {option for head in heads for option in re.findall(r"(?<![\w.-])--?[a-zA-Z][\w.-]*", head)}
-            for option in sorted(o for o in options - {"-h", "--help", "--print_config"} if "." not in o):
+            for option in sorted(o for o in options - {"-h", "--help", "--print-config"} if "." not in o):
                 yield f"nsdr {' '.join(words)} {option}"
 
 

@@ -16,29 +16,29 @@ from nsdr.training import dynamics
 
 
 def test_the_mean_of_the_initial_and_the_trained_weights(tiny_motion, tmp_path) -> None:
-    small = ["--network", "propnet_patches", "--patches.hidden", "8", "--loop.batch_size", "2", "--loop.steps", "2"]
-    small += ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--loop.warmup_steps", "0"]
+    small = ["--network", "propnet_patches", "--patches.hidden", "8", "--loop.batch-size", "2", "--loop.steps", "2"]
+    small += ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--loop.warmup-steps", "0"]
 
     def trained(name: str, *options: str) -> dict[str, torch.Tensor]:
-        dynamics.main([*small, "--run_dir", str(tmp_path / name), *options])
+        dynamics.main([*small, "--run-dir", str(tmp_path / name), *options])
         return load_checkpoint(tmp_path / name / "checkpoint", "dynamics")[0]
 
     first = trained("first")
     start = ["--initial", str(tmp_path / "first" / "checkpoint")]
-    second, mean = trained("second", *start), trained("mean", *start, "--mean_with_initial", "true")
+    second, mean = trained("second", *start), trained("mean", *start, "--mean-with-initial", "true")
     assert any(not torch.equal(first[name], second[name]) for name in first)
     for name, value in mean.items():
         torch.testing.assert_close(value, (first[name] + second[name]) / 2, rtol=1e-3, atol=1e-4)
     with pytest.raises(DataError, match="mean_with_initial: needs a checkpoint to start from"):
-        trained("none", "--mean_with_initial", "true")
+        trained("none", "--mean-with-initial", "true")
 
 
 SMALLER = {
-    "frame-parser": "--model.widths [16,16,16,16] --model.blocks 1 --model.fpn_channels 16 --model.mask_channels 16",
-    "dynamics": "--model.hidden 8 --patches.hidden 8 --loop.batch_size 2",
-    "collisions": "--model.width 8 --loop.batch_size 2",
-    "baseline": "--loop.batch_size 4",
-    "question-parser": "--model.hidden 16 --loop.batch_size 2 --evaluation_texts 2",
+    "frame-parser": "--model.widths [16,16,16,16] --model.blocks 1 --model.fpn-channels 16 --model.mask-channels 16",
+    "dynamics": "--model.hidden 8 --patches.hidden 8 --loop.batch-size 2",
+    "collisions": "--model.width 8 --loop.batch-size 2",
+    "baseline": "--loop.batch-size 4",
+    "question-parser": "--model.hidden 16 --loop.batch-size 2 --evaluation-texts 2",
 }
 """Options that make two steps of a recipe quick."""
 

@@ -22,7 +22,7 @@ from nsdr.training import dynamics, frame_parser, question_parser
 from nsdr.training.loop import LoopConfig, LossTerm, Task, _accelerator, learning_rate_at, train, train_part
 from nsdr.training.run_folder import RunFolder, TrainingState
 
-LOOP = ["--loop.batch_size", "2", "--loop.log_every", "1", "--loop.device", "cpu"]
+LOOP = ["--loop.batch-size", "2", "--loop.log-every", "1", "--loop.device", "cpu"]
 
 
 def parser_arguments(frames: Path, run: Path, steps: int) -> list[str]:
@@ -30,8 +30,8 @@ def parser_arguments(frames: Path, run: Path, steps: int) -> list[str]:
         "{widths: [16, 16, 16, 32], blocks: 1, fpn_channels: 16, box_features: 32, mask_channels: 16, mask_layers: 1}"
     )
     return [
-        *("--frames", str(frames), "--run_dir", str(run), "--model", model, "--evaluation_frames", "2"),
-        *(*LOOP, "--loop.steps", str(steps), "--loop.save_every", "2", "--loop.optimizer", "sgd"),
+        *("--frames", str(frames), "--run-dir", str(run), "--model", model, "--evaluation-frames", "2"),
+        *(*LOOP, "--loop.steps", str(steps), "--loop.save-every", "2", "--loop.optimizer", "sgd"),
     ]
 
 
@@ -56,15 +56,15 @@ def test_frame_parser_trains_and_its_checkpoint_loads(tiny_frames, tmp_path) -> 
 
 
 def test_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_path) -> None:
-    arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run_dir", str(tmp_path / "run")]
+    arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run-dir", str(tmp_path / "run")]
     output = dynamics.main([*arguments, *LOOP, "--loop.steps", "3", "--model.hidden", "16"])
     PropNetPredictor.from_checkpoint(output)
     assert {"loss/motion", "loss/collision", "loss/observed", "collision_f1"} <= set(lines(tmp_path / "run")[-1])
 
 
 def test_the_papers_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_path) -> None:
-    arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run_dir", str(tmp_path / "run")]
-    small = ["--network", "propnet_patches", "--patches.hidden", "16", "--rollout_steps", "2"]
+    arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run-dir", str(tmp_path / "run")]
+    small = ["--network", "propnet_patches", "--patches.hidden", "16", "--rollout-steps", "2"]
     output = dynamics.main([*arguments, *LOOP, "--loop.steps", "3", *small])
     PatchPropNetPredictor.from_checkpoint(output)
     assert {"loss/motion", "loss/collision", "collision_f1", "rollout_error_25_p90"} <= set(lines(tmp_path / "run")[-1])
@@ -73,8 +73,8 @@ def test_the_papers_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_pa
 
 
 def question_arguments(run: Path, *more: str) -> list[str]:
-    small = ["--model.embedding", "8", "--model.hidden", "16", "--evaluation_texts", "5"]
-    return ["--run_dir", str(run), *small, *LOOP, "--loop.save_every", "2", *more]
+    small = ["--model.embedding", "8", "--model.hidden", "16", "--evaluation-texts", "5"]
+    return ["--run-dir", str(run), *small, *LOOP, "--loop.save-every", "2", *more]
 
 
 def test_question_parser_trains_and_its_checkpoint_loads(tmp_path) -> None:
@@ -83,8 +83,8 @@ def test_question_parser_trains_and_its_checkpoint_loads(tmp_path) -> None:
 
 
 def test_dynamics_network_learns_the_collision(tiny_motion, tmp_path) -> None:
-    arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run_dir", str(tmp_path / "run")]
-    loop = ["--loop.steps", "60", "--loop.batch_size", "8", "--loop.log_every", "1", "--loop.learning_rate", "3e-3"]
+    arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run-dir", str(tmp_path / "run")]
+    loop = ["--loop.steps", "60", "--loop.batch-size", "8", "--loop.log-every", "1", "--loop.learning-rate", "3e-3"]
     dynamics.main([*arguments, *loop, "--model.hidden", "32"])
     rows = lines(tmp_path / "run")
     assert np.mean([r["loss/observed"] for r in rows[-10:]]) < 0.5 * np.mean([r["loss/observed"] for r in rows[:5]])

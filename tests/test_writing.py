@@ -235,7 +235,7 @@ def test_names_that_are_not_utf8_are_left_out_with_a_warning(tmp_path) -> None:
 def test_commands_refuse_an_output_that_another_process_writes(tmp_path, capsys) -> None:
     (tmp_path / "e.yaml").write_text("title: T\nrows: [{name: r, published: [1, 2, 3, 4, 5, 6, 7]}]")
     out = str(tmp_path / "out")
-    training = ["train", "question-parser", "--run_dir", out, "--evaluation_texts", "5", "--loop.device", "cpu"]
+    training = ["train", "question-parser", "--run-dir", out, "--evaluation-texts", "5", "--loop.device", "cpu"]
     commands = {
         "": [["generate", "dataset", "-o", out, "--videos", "1"], training],
         "e.json": [["experiment", str(tmp_path / "e.yaml"), "-o", out]],

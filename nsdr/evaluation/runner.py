@@ -226,7 +226,7 @@ def parse_all(parser: Parser, questions: Iterable[SceneQuestions], types: Sequen
 
 def _check_no_pipeline_options(config: EvaluationConfig) -> None:
     """Sources that give scenes leave nothing to do for a pipeline and its options."""
-    given = [f"--{name}" for name in ("dynamics", "truth_source") if getattr(config, name)]
+    given = [f"--{name.replace('_', '-')}" for name in ("dynamics", "truth_source") if getattr(config, name)]
     given += idle_without_video(config.config, config.set)
     if config.checkpoint != "default" and (config.programs == "gold" or config.pipeline().question_parser != NETWORK):
         given.append("--checkpoint")

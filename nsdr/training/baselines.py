@@ -120,7 +120,7 @@ class BaselineTask(Task):
             if not (self.first and self.later):
                 raise DataError(
                     f"{config.questions}: plain_steps needs questions of subtype {PLAIN!r} and others; give "
-                    "`nsdr generate questions` --questions.plain_per_video, or leave plain_steps out"
+                    "`nsdr generate questions` --questions.plain-per-video, or leave plain_steps out"
                 )
         self.features = features = FeatureCache(config.features, kind.needs) if config.features else None
         sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()

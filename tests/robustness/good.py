@@ -229,7 +229,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "manifest": (*EVALUATE, "--root", ".", "--source", "annotations", "--types", "descriptive"),
     "submission": ("score", "submission.json", *QUESTIONS_OF, "-o", "report.json"),
     "questions to tag": (*EVALUATE, "--questions", "questions.json", "--source", "truth", "--data", "{good}/truth",
-                         "--tags_from", "{good}/truth"),
+                         "--tags-from", "{good}/truth"),
 }  # fmt: skip
 """A command that reads each format, from the name in `DOCUMENTS`."""
 
@@ -241,7 +241,7 @@ PARSE = ("parse", "{good}", "-o", "out", "--workers", "1")
 PARSE_ONE = ("parse", "{good}/video.mp4")
 MOTION = ("data", "motion", "{good}/release", "--split", "validation", "-o", "out", "--workers", "1")
 GENERATE = ("generate", "dataset", "-o", "out", "--videos", "1", "--renderer", "none", "--workers", "1")
-TRAIN = ("train", "question-parser", "--run_dir", "run", "--loop.steps", "1", "--loop.device", "cpu")
+TRAIN = ("train", "question-parser", "--run-dir", "run", "--loop.steps", "1", "--loop.device", "cpu")
 SCORE = ("score", "{good}/answers.jsonl", *QUESTIONS_OF, "-o", "report.json")
 EXPORT = ("export", "{good}/dataset", "--format", "grpo", "-o", "out")
 SIMULATE = ("simulate", "{good}/video.mp4", "--remove", "brown cylinder", "-o", "out.mp4", "--json", "out.json")
