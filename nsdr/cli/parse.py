@@ -83,18 +83,13 @@ def _parse_video(options: Any) -> int:
     pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
     from nsdr.clevrer.files.proposals import proposals_document
     from nsdr.io.files import write_json
-    from nsdr.symbolic.world import event_sentence
 
     perception = pipeline.perceive(options.source)
     scene = perception.scene
     save(options.output, replace(scene, dynamics=_rounded(perception.explanation.prediction)))
     if options.proposals_out:
         write_json(options.proposals_out, proposals_document(perception.proposals, Path(options.source).name))
-    print(f"{options.output}: {scene.n_frames} frames, {len(scene.objects)} objects")
-    for o in scene.objects:
-        print(f"  object {o.id}: {o.name}")
-    for event in scene.events:
-        print(f"  {event_sentence(event, [o.name for o in scene.objects])}")
+    print(f"{options.output}: {scene}")
     print_notes(scene.notes)
     return 0
 
