@@ -12,8 +12,8 @@ from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.camera import Camera
 
 GRID_HALF_WORLD, GRID_STEP_WORLD = 10.0, 0.05
-"""Half the width and the spacing of the grid on which the visibility of objects is looked up (world units). At 1.25 world units/s
-an object crosses a spacing in one frame, so that an event of a run is off by a frame at most."""
+"""Half the width and the spacing of the grid on which the visibility of objects is looked up (world units). At 1.25 world
+units/s an object crosses a spacing in one frame, so that an event of a run is off by a frame at most."""
 SIGNS = {"in": 1, "out": -1}
 """How much more visible an object is after each kind of event."""
 
