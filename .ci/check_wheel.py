@@ -39,7 +39,7 @@ def check(wheel: Path, folder: Path) -> None:
     print(run("nsdr", "demo", "-o", "demo.png").splitlines()[-2])
     clip = run("python", "-c", "from nsdr.clevrer.example import VIDEO; print(VIDEO)")
     for options in ([], ["--config", "paper"], ["--system", "pixels/mac_objects"]):
-        print(run("nsdr", "answer", clip, "-q", "How many collisions happen?", *options))
+        print(run("nsdr", "answer", clip, "How many collisions happen?", *options))
 
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -132,7 +132,7 @@ def commands() -> str:
         run_nsdr("parse", VIDEO, "-o", folder / "scene.json", "--proposals-out", first)
         shutil.copy(first, proposals / "proposal_00000.json")
         shutil.copy(TRUTH, scenes / f"scene_{number}.json")
-        answer = ("answer", VIDEO, "-q", "How many collisions happen?")
+        answer = ("answer", VIDEO, "How many collisions happen?")
         evaluate = ("evaluate", "--questions", QUESTIONS, "--cache", out, "--source")
         timed: dict[str, tuple[Any, ...]] = {
             "answer": answer,

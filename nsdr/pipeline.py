@@ -27,6 +27,7 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.images import Video, VideoSource, video_of
 from nsdr.io.notes import Note, distinct, unsaid
 from nsdr.io.registry import checked_result
+from nsdr.io.stages import stage
 from nsdr.io.storage import load
 from nsdr.laws.judge import judge_proposals, judge_tracks
 from nsdr.pipeline_config import PipelineConfig, pipeline_settings
@@ -85,7 +86,7 @@ class Pipeline:
         camera: the camera that took the videos.
 
     Attributes:
-        progress: whether a bar shows how far the frame parser is; False at first.
+        progress: whether stderr shows the stage and how far it is; False at first.
     """
 
     def __init__(
@@ -295,7 +296,8 @@ class Pipeline:
             pixels = None
             if video is not None and proposals is not None:
                 pixels = VideoPixels(self.frames(video, note=unsaid), proposals, tracks)
-            found = self.dynamics.explain(states_from_tracks(tracks, pixels), observed)
+            with stage("explaining the motion", self.progress):
+                found = self.dynamics.explain(states_from_tracks(tracks, pixels), observed)
             explanation = checked_result(found, Explanation, self.dynamics, "explain")  # type: ignore[type-abstract]
         scene = scene_from_prediction(explanation.prediction, probable, explanation.camera)
         if tracks is not None:

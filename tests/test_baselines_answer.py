@@ -83,10 +83,10 @@ def test_the_answer_is_that_of_the_evaluation(name: str, learnt_from: str, data,
     (source,) = data.rglob("annotation_10000.json" if learnt_from == "truth" else "video_10000.mp4")
     given = ["answer", str(source), "--system", str(tmp_path / "it"), "--device", "cpu", "--json"]
     given += [] if learnt_from == "truth" else ["--force"]
-    assert main([*given, "-q", COUNT.text]) == 0
+    assert main([*given, COUNT.text]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["answer"], found["probability"]) == (expected[0].answer, pytest.approx(expected[0].probability))
-    assert main([*given, "-q", NEXT.text, "-c", NEXT.choices[0].text]) == 0
+    assert main([*given, NEXT.text, "-c", NEXT.choices[0].text]) == 0
     (choice,) = json.loads(capsys.readouterr().out)["choices"]
     assert choice["probability"] == pytest.approx(expected[1].choices[0].probability)
 
@@ -97,10 +97,7 @@ def test_what_learnt_from_the_truth_answers_a_video_by_found_objects(data, tmp_p
     found = FrameParser.from_pretrained("default", "cpu").parse([frames[i] for i in spaced(len(frames), FRAMES)])
     features = detected_features(found, WordConfig(FRAMES, source="proposals"))
     assert features["objects"].any(2).sum() >= FRAMES
-    assert (
-        main(["answer", str(VIDEO), "--system", str(tmp_path / "it"), "--device", "cpu", "--json", "-q", COUNT.text])
-        == 0
-    )
+    assert main(["answer", str(VIDEO), "--system", str(tmp_path / "it"), "--device", "cpu", "--json", COUNT.text]) == 0
     answer = json.loads(capsys.readouterr().out)
     (example,) = encoded(0, COUNT, baseline.vocabulary, baseline.network.needs)
     expected = baseline.probabilities([example], Known(as_inputs(features)))
@@ -114,7 +111,7 @@ def test_what_a_baseline_cannot_answer_from_is_refused(data, tmp_path, monkeypat
     (video,), (annotation,) = data.rglob("video_10000.mp4"), data.rglob("annotation_10000.json")
 
     def refusal(source: Path, system: str, *more: str, question: str = COUNT.text) -> str:
-        assert main(["answer", str(source), "--system", system, "-q", question, "--device", "cpu", *more]) == 2
+        assert main(["answer", str(source), "--system", system, question, "--device", "cpu", *more]) == 2
         return capsys.readouterr().err
 
     assert "learnt from pixels: give a video" in refusal(annotation, "small")

@@ -17,7 +17,7 @@ def run(capsys, *arguments: object) -> tuple[int, str, str]:
 
 
 def test_answer_from_a_saved_scene(capsys) -> None:
-    code, out, _ = run(capsys, "answer", TRUTH, "-q", "How many collisions happen?", "--trace")
+    code, out, _ = run(capsys, "answer", TRUTH, "How many collisions happen?", "--trace")
     assert code == 0
     assert out.splitlines()[-1] == "4"
     assert "filter_collision(1, 2)" in out
@@ -25,14 +25,14 @@ def test_answer_from_a_saved_scene(capsys) -> None:
 
 def test_answer_from_what_save_wrote(capsys, tmp_path) -> None:
     save(tmp_path / "scene.json", load(TRUTH, Scene))
-    assert run(capsys, "answer", tmp_path / "scene.json", "-q", "How many collisions happen?")[:2] == (0, "4\n")
+    assert run(capsys, "answer", tmp_path / "scene.json", "How many collisions happen?")[:2] == (0, "4\n")
     execute = ("program", "objects count", "--run", tmp_path / "scene.json")
     assert run(capsys, *execute)[:2] == (0, "6\n")
 
 
 def test_notes_are_lines_of_stderr_or_stand_in_the_json(capsys, tmp_path, small_scene) -> None:
     save(tmp_path / "scene.json", replace(small_scene, notes=("darker than usual",)))
-    ask = ["answer", str(tmp_path / "scene.json"), "-q", "How many spheers are there?"]
+    ask = ["answer", str(tmp_path / "scene.json"), "How many spheers are there?"]
     assert main(ask) == 0
     found = capsys.readouterr()
     assert found.out == "2\n"
@@ -49,8 +49,8 @@ def test_answers_come_with_their_probabilities(capsys, tmp_path) -> None:
     scene = load(TRUTH, Scene)
     hit = next(e for e in scene.events if e.kind == "collision")
     save(tmp_path / "scene.json", replace(scene, uncertain=(UncertainEvent(hit, 0.75),)))
-    assert run(capsys, "answer", tmp_path / "scene.json", "-q", "How many collisions happen?")[1] == "4 (75 %)\n"
-    question = ("-q", "What will happen next?", "-c", "The brown cylinder collides with the brown metal sphere")
+    assert run(capsys, "answer", tmp_path / "scene.json", "How many collisions happen?")[1] == "4 (75 %)\n"
+    question = ("What will happen next?", "-c", "The brown cylinder collides with the brown metal sphere")
     assert run(capsys, "answer", tmp_path / "scene.json", *question)[1].splitlines() == [
         question[-1],
         f"correct (>99 %) {question[-1]}",
@@ -62,13 +62,28 @@ def test_answer_of_a_choice_question_as_json(capsys) -> None:
         "The brown cylinder collides with the brown metal sphere",
         "The purple metal object and the brown metal sphere collide",
     ]
-    code, out, _ = run(
-        capsys, "answer", TRUTH, "-q", "What will happen next?", "-c", choices[0], "-c", choices[1], "--json"
-    )
+    code, out, _ = run(capsys, "answer", TRUTH, "What will happen next?", "-c", choices[0], "-c", choices[1], "--json")
     answer = json.loads(out)
     assert code == 0
     assert [c["answer"] for c in answer["choices"]] == ["correct", "wrong"]
     assert answer["program"] == ["unseen_events", "belong_to"]
+
+
+def test_several_questions_are_answered_from_one_look(capsys) -> None:
+    cubes, zebras, hits = "How many cubes are there?", "How many zebras enter?", "How many collisions happen?"
+    code, out, err = run(capsys, "answer", TRUTH, cubes, zebras, hits)
+    assert code == 1
+    assert out.startswith(f"{cubes}\n2\n{zebras}\nerror: unknown word 'zebras'")
+    assert out.endswith(f"\n{hits}\n4\n")
+    assert err.startswith(f"error: 1 of 3 questions failed, such as '{zebras}': unknown word 'zebras'")
+    code, out, _ = run(capsys, "answer", TRUTH, cubes, zebras, hits, "--json", "--keep-going")
+    found = [json.loads(line) for line in out.splitlines()[:3]]
+    assert code == 0
+    assert [row.get("answer") for row in found] == ["2", None, "4"]
+    assert found[1]["question"] == zebras
+    assert "unknown word 'zebras'" in found[1]["error"]
+    _, _, err = run(capsys, "answer", TRUTH, cubes, hits, "-c", "4")
+    assert "--choice is of one question, and 2 are asked" in err
 
 
 def test_a_failed_choice_is_printed_with_its_reason_and_the_others_are_judged(capsys) -> None:
@@ -80,7 +95,7 @@ def test_a_failed_choice_is_printed_with_its_reason_and_the_others_are_judged(ca
         "-c",
         "the presence of the green cylinder",
     ]
-    asked = ["answer", TRUTH, "-q", "Which of the following is responsible for the cyan object's exit?", *choices]
+    asked = ["answer", TRUTH, "Which of the following is responsible for the cyan object's exit?", *choices]
     code, out, err = run(capsys, *asked)
     lines = out.splitlines()
     assert code == 1
@@ -103,7 +118,7 @@ def test_a_failed_choice_is_printed_with_its_reason_and_the_others_are_judged(ca
 
 
 def test_a_refused_question_offers_the_nearest_ones_about_the_scene(capsys) -> None:
-    _, _, err = run(capsys, "answer", TRUTH, "-q", "How many zebras enter before the purple cube?")
+    _, _, err = run(capsys, "answer", TRUTH, "How many zebras enter before the purple cube?")
     assert "; the nearest questions: " in err
     assert " enter the scene before the purple cube enters the scene? | " in err
     _, _, err = run(capsys, "program", "How many big cubes are there?")
@@ -124,17 +139,17 @@ def test_programs_that_list_events_or_give_a_frame(capsys) -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["answer", "none.mp4", "-q", "How many collisions happen?"],
-        ["answer", "none.json", "-q", "How many collisions happen?"],
-        ["answer", ".", "-q", "How many collisions happen?"],
-        ["answer", VIDEO, "-q", " "],
-        ["answer", VIDEO, "-q", "What will happen next?", "-c", ""],
+        ["answer", "none.mp4", "How many collisions happen?"],
+        ["answer", "none.json", "How many collisions happen?"],
+        ["answer", ".", "How many collisions happen?"],
+        ["answer", VIDEO, " "],
+        ["answer", VIDEO, "What will happen next?", "-c", ""],
         ["program", ""],
         ["program", "Who?", "--kind", "any"],
-        ["answer", QUESTIONS, "-q", "How many collisions happen?"],
-        ["answer", VIDEO, "-q", "How many collisions happen?", "--dynamics", "none"],
-        ["answer", VIDEO, "-q", "How many collisions happen?", "--set", "tracker.none=1"],
-        ["answer", VIDEO, "-q", "How many collisions happen?", "--checkpoint", "none"],
+        ["answer", QUESTIONS, "How many collisions happen?"],
+        ["answer", VIDEO, "How many collisions happen?", "--dynamics", "none"],
+        ["answer", VIDEO, "How many collisions happen?", "--set", "tracker.none=1"],
+        ["answer", VIDEO, "How many collisions happen?", "--checkpoint", "none"],
         ["parse", "none.mp4", "-o", "scene.json"],
         ["visualize", "none.mp4", "-o", "image.png"],
         ["visualize", VIDEO, "-o", "image.png", "-c", "the cube"],
@@ -247,11 +262,11 @@ def _truth(folder):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["answer", "none.mp4", "-q", "How many collisions happen?"], "none.mp4: no such file"),
-        (["answer", TRUTH, "-q", ""], "the question is empty"),
-        (["answer", TRUTH, "-q", "How many zebras enter the scene?"], "unknown word 'zebras'"),
-        (["answer", TRUTH, "-q", "Which of these is responsible for the purple cube's exit?"], "give choices with it"),
-        (["answer", TRUTH, "-q", "How many collisions happen?", "--checkpoint", "nowhere"], "no checkpoint 'nowhere'"),
+        (["answer", "none.mp4", "How many collisions happen?"], "none.mp4: no such file"),
+        (["answer", TRUTH, ""], "the question is empty"),
+        (["answer", TRUTH, "How many zebras enter the scene?"], "unknown word 'zebras'"),
+        (["answer", TRUTH, "Which of these is responsible for the purple cube's exit?"], "give choices with it"),
+        (["answer", TRUTH, "How many collisions happen?", "--checkpoint", "nowhere"], "no checkpoint 'nowhere'"),
         (["program", "objects count", "--run", QUESTIONS], "nothing that"),
         (["program", "objects boggle", "--run", TRUTH], "unknown module or word 'boggle'"),
         (["parse", VIDEO, "-o", "scene.txt"], "expected a name ending in .json"),
@@ -260,11 +275,11 @@ def _truth(folder):
         (["evaluate", "--questions", "none.json", "--source", "videos", "--data", "."], "none.json: no such file"),
         (["nonsense"], "nonsense"),
         (
-            ["answer", TRUTH, "-q", "How many collisions happen?", "--dynamics", "propnet"],
+            ["answer", TRUTH, "How many collisions happen?", "--dynamics", "propnet"],
             "--dynamics would do nothing",
         ),
         (
-            ["answer", TRUTH, "-q", "Who?", "--set", "tracker.score=0.8", "--config", "configs/pipeline/default.yaml"],
+            ["answer", TRUTH, "Who?", "--set", "tracker.score=0.8", "--config", "configs/pipeline/default.yaml"],
             "--config configs/pipeline/default.yaml, --set tracker.score=0.8 would do",
         ),
         (["visualize", VIDEO, "-o", "x.mp4", "-q", "Who?"], "they need an output ending in .html"),
@@ -283,7 +298,7 @@ def test_errors_are_one_line_and_exit_code_2(capsys, arguments, message) -> None
 
 
 def test_debug_shows_the_traceback(capsys) -> None:
-    code, _, err = run(capsys, "answer", "none.mp4", "-q", "How many collisions happen?", "--debug")
+    code, _, err = run(capsys, "answer", "none.mp4", "How many collisions happen?", "--debug")
     assert code == 2
     assert "Traceback" in err
 

@@ -197,7 +197,7 @@ def test_bfloat16_is_refused_on_processors_without_it(monkeypatch) -> None:
 @pytest.mark.parametrize(
     "command",
     [
-        ["answer", str(VIDEO), "-q", "How many collisions happen?"],
+        ["answer", str(VIDEO), "How many collisions happen?"],
         ["program", "Cube how many sphere?", "--question-parser", "network"],
         ["parse", str(VIDEO), "-o", "scene.json"],
         ["parse", str(VIDEO.parent), "-o", "scenes"],

@@ -144,7 +144,7 @@ def test_commands_run_and_print_what_the_page_says(
     said = re.search(
         r"The command prints:\n\n```\n(.*?)^```", (ROOT / page).read_text(), flags=re.MULTILINE | re.DOTALL
     )
-    if said and "--json" in command:
+    if said and "what_if.json" in command:
         assert capsys.readouterr().out == said[1]
 
 

@@ -24,6 +24,7 @@ from nsdr.dynamics.physics.body_state import POSITION, VELOCITY
 from nsdr.dynamics.physics.changed_bodies import change_bodies
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
+from nsdr.io.configuration import OptionParser
 from nsdr.pipeline import Pipeline
 from nsdr.types import Track, VideoTracks
 from nsdr.types.interventions import intervention_text
@@ -403,7 +404,7 @@ def test_the_comparison_shows_both_worlds(simulated) -> None:
 
 
 def options(*arguments: str, video: str = "clip.mp4") -> Any:
-    parser = jsonargparse.ArgumentParser(exit_on_error=False)
+    parser = OptionParser(exit_on_error=False)
     command.simulate_options(parser)
     return parser.parse_args([video, *arguments])
 
@@ -458,7 +459,7 @@ def test_options_that_are_no_intervention_are_refused(arguments: list[str], mess
 
 
 def test_frames_after_the_end_are_refused_before_the_work(monkeypatch) -> None:
-    monkeypatch.setattr(command, "make_pipeline", lambda options: pytest.fail("looked at the video"))
+    monkeypatch.setattr(command, "make_pipeline", lambda options, asks: pytest.fail("looked at the video"))
     given = ["--remove", "cube", "--from-frame"]
     with pytest.raises(DataError, match=r"--from-frame 129: expected a frame of .*mp4, which has 128 at 25 a second"):
         command.simulate(options(*given, "129", video=str(VIDEO)))
@@ -490,9 +491,9 @@ def test_the_command_writes_a_report_a_video_and_json(
         def frames(self, video, note):
             return iter(frames)
 
-    monkeypatch.setattr(command, "make_pipeline", lambda options: Made())
+    monkeypatch.setattr(command, "make_pipeline", lambda options, asks: Made())
     video, document = tmp_path / "out.mp4", tmp_path / "out.json"
-    given = options("--freeze", "cylinder", "-o", str(video), "--json", str(document))
+    given = options("--freeze", "cylinder", "-o", str(video), "-o", str(document))
     assert command.simulate(given) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "from frame 0: the blue rubber cylinder fixed to the ground"
@@ -505,6 +506,8 @@ def test_the_command_writes_a_report_a_video_and_json(
     capture = cv2.VideoCapture(str(video))
     size = [capture.get(p) for p in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH)]
     assert size == [85, 688, 960]
+    assert command.simulate(options("--freeze", "cylinder", "--json")) == 0
+    assert json.loads(capsys.readouterr().out) == content
     with pytest.raises(DataError, match="no intervention: expected --remove"):
         command.simulate(options())
     with pytest.raises(DataError, match=r"expected a name ending in \.mp4"):

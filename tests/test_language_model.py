@@ -294,7 +294,7 @@ def test_commands_use_the_server(stub, capsys) -> None:
     assert main(["program", TEXT, "--question-parser", stub.url, "--kind", "descriptive"]) == 0
     assert capsys.readouterr().out.strip() == PROGRAM
     stub.reply = "events objects filter_collision count"
-    assert main(["answer", str(TRUTH), "-q", "How many collisions happen?", "--question-parser", stub.url]) == 0
+    assert main(["answer", str(TRUTH), "How many collisions happen?", "--question-parser", stub.url]) == 0
     assert capsys.readouterr().out.strip() == "4"
 
 

@@ -1,5 +1,6 @@
 """Options and configurations are refused before work starts, in one line; exit statuses; limits."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,8 @@ import pytest
 from nsdr import DataError
 from nsdr.clevrer.example import TRUTH, VIDEO
 from nsdr.cli.common import failures_line
-from nsdr.cli.main import main, outcome_of
+from nsdr.cli.main import COMMANDS, main, outcome_of
+from nsdr.cli.train import PARTS
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.propnet.patch_model import PatchPropNetConfig
 from nsdr.dynamics.propnet.state_model import PropNetConfig
@@ -231,13 +233,13 @@ def test_a_file_that_cannot_be_opened_is_named(capsys, tmp_path) -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["answer", "VIDEO", "-q", "How many cubes are there?", "--question=How many spheres are there?"],
+        ["visualize", "VIDEO", "-q", "How many cubes are there?", "--question=How many spheres are there?"],
         ["generate", "scene", "-o", "a.json", "--output", "b.json"],
         ["train", "question-parser", "--loop.steps", "1", "--loop.steps=2"],
         ["data", "verify", "x", "--help", "--help"],
-        ["answer", "VIDEO", "-q", "How many cubes are there?", "-qHow many spheres are there?"],
-        ["answer", "VIDEO", "-qHow many cubes are there?", "-qHow many spheres are there?"],
-        ["answer", str(VIDEO), "-q", "How many cubes are there?", "--set", "stride=2", "--set", "stride=3"],
+        ["visualize", "VIDEO", "-q", "How many cubes are there?", "-qHow many spheres are there?"],
+        ["visualize", "VIDEO", "-qHow many cubes are there?", "-qHow many spheres are there?"],
+        ["answer", str(VIDEO), "How many cubes are there?", "--set", "stride=2", "--set", "stride=3"],
     ],
 )
 def test_an_option_that_counts_once_is_not_taken_twice(arguments: list[str], capsys) -> None:
@@ -263,7 +265,11 @@ def test_a_map_whose_colons_lack_spaces_is_refused_with_the_remedy(option, value
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["generate", "--help"], ["dataset", "violations", "scene", "questions", "-o", "--keep-going"]),
+        (["--help"], ["ask:", "process:", "measure:", "data:", "train:", "dataset|violations|scene|questions"]),
+        (["generate", "--help"], ["dataset", "violations", "scene", "questions"]),
+        (["simulate", "--help"], ["--remove OBJECT", "--fps NUMBER", "auto|cpu|cuda|cuda:N", "the video:"]),
+        (["evaluate", "--help"], ["--programs parsed|gold", "--root FOLDER", "--data-set-rules"]),
+        (["train", "dynamics", "--help"], ["--run-dir", "--loop.NAME"]),
         (["generate", "dataset", "--help"], ["-o", "--keep-going", "--videos"]),
         (
             ["train", "-h"],
@@ -276,3 +282,23 @@ def test_help_names_parts_and_options(arguments: list[str], told: list[str], cap
     assert main(arguments) == 0
     out = capsys.readouterr().out
     assert not [text for text in told if text not in out]
+    assert "class '" not in out
+
+
+def test_no_help_describes_more_than_twenty_options(capsys) -> None:
+    assert len({name.split()[0] for name in COMMANDS}) <= 20
+    for name in [*COMMANDS, *(f"train {part}" for part in PARTS)]:
+        assert main([*name.split(), "--help"]) == 0
+        out = capsys.readouterr().out
+        assert len(re.findall(r"^  -", out.partition("\nmore (")[0], flags=re.MULTILINE)) <= 20, name
+        assert not re.search(r"(?<!\w)--[\w.-]*_", out), name
+
+
+def test_options_are_spelled_with_dashes_alone(tmp_path, capsys) -> None:
+    given = ["generate", "dataset", "-o", str(tmp_path / "d"), "--videos", "0"]
+    for fitting in ("--first-scene=3", "--scene.held-out=[red cube]", "--first-scene"):
+        main([*given, *([fitting] if "=" in fitting else [fitting, "3"])])
+        assert "videos" in capsys.readouterr().err  # it is what is wrong
+    for wrong in ("--first_scene", "--scene.held_out"):
+        assert main([*given, wrong, "3"]) == 2
+        assert f"{wrong}: options are spelled with dashes: {wrong.replace('_', '-')}" in capsys.readouterr().err

@@ -160,5 +160,5 @@ def test_impossible_places_are_refused(eye: tuple[float, float, float]) -> None:
 
 
 def test_a_wrong_place_is_one_line(capsys) -> None:
-    assert main(["answer", str(VIDEO), "-q", "How many spheres are moving?", "--set", "camera.eye_world=[1,2,0]"]) == 2
+    assert main(["answer", str(VIDEO), "How many spheres are moving?", "--set", "camera.eye_world=[1,2,0]"]) == 2
     assert "expected the camera's place" in capsys.readouterr().err

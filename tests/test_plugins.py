@@ -65,7 +65,7 @@ def make_source(data, wanted):
 
 @pytest.mark.filterwarnings("ignore:.*CLEVRER's videos have 128")
 def test_an_installed_backend_is_used_by_name(package, capsys, tmp_path, short_video) -> None:
-    ask = ["answer", str(short_video), "-q", "How many collisions happen?"]
+    ask = ["answer", str(short_video), "How many collisions happen?"]
     assert main([*ask, "--dynamics", "constant"]) == 0
     assert capsys.readouterr().out == "0\n"
     (tmp_path / "mine.yaml").write_text("dynamics: {backend: constant}\ntracker: {score: 1.0}\n")
@@ -132,7 +132,7 @@ def test_parts_that_return_something_else_are_named(example_scene, short_video) 
 
 
 def test_unknown_names_and_broken_packages_are_named(capsys) -> None:
-    assert main(["answer", str(VIDEO), "-q", "How many collisions happen?", "--dynamics", "zebra"]) == 2
+    assert main(["answer", str(VIDEO), "How many collisions happen?", "--dynamics", "zebra"]) == 2
     assert (
         "dynamics backend (or YAML file) 'zebra': expected one of physics, propnet, propnet_patches"
         in capsys.readouterr().err

@@ -358,7 +358,7 @@ def test_commands_refuse_before_the_weights_are_loaded(clip, tmp_path, monkeypat
 
     monkeypatch.setattr(Pipeline, "from_pretrained", lambda *_, **__: pytest.fail("the weights are loaded"))
     write_video(tmp_path / "v.mp4", 0 * clip[:4])
-    options = {"answer": ["-q", "How many spheres are moving?"], "parse": ["-o", str(tmp_path / "s.json")]}
+    options = {"answer": ["How many spheres are moving?"], "parse": ["-o", str(tmp_path / "s.json")]}
     output = options.get(command, ["-o", str(tmp_path / "v.png")])
     assert main([command, str(tmp_path / "v.mp4"), *output]) == 2
     assert "the background is black" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 import json
 import textwrap
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
@@ -30,35 +31,64 @@ if TYPE_CHECKING:
 def answer_options(parser: Any) -> None:
     add = parser.add_argument
     add("video", help=f"{VIDEO}, or a scene saved by nsdr parse")
-    add("-q", "--question", required=True, help="in CLEVRER's English")
-    add("-c", "--choice", action="append", default=[], help="an option, or a candidate for the answer; repeatable")
+    add("question", nargs="+", metavar="QUESTION", help="in CLEVRER's English; several are answered from one look")
+    option = "an option of the one question, or a candidate for its answer; repeatable"
+    add("-c", "--choice", action="append", default=[], metavar="TEXT", help=option)
     system = "answer by a trained baseline: folder or name of a checkpoint, such as truth/mac"
     add("--system", default="", metavar="FOLDER|NAME", help=system)
     add("--trace", action="store_true", help="print every executed step")
-    add("--json", action="store_true", help="print the answer as JSON")
+    add("--json", action="store_true", help="print the answer as JSON; of several questions, one a line")
     shared_options(parser, "failures", "parser", "extensions", "checkpoint", "pipeline", "video")
 
 
 def answer(options: Any) -> int:
-    """`nsdr answer`: a question about a video or a saved scene."""
-    if not options.question.strip():
-        raise QuestionError("the question is empty")
+    """`nsdr answer`: questions about a video or a saved scene, which is looked at once."""
+    if not all(question.strip() for question in options.question):
+        raise QuestionError("the question is empty" if len(options.question) == 1 else "a question is empty")
     if not all(choice.strip() for choice in options.choice):
         raise QuestionError("a choice is empty")
-    if options.system:
-        return _answer_by_baseline(options)
-    saved = is_scene(options.video)
-    if saved:
-        refuse_for_scene(options)
-    source = load(options.video, Scene) if saved else options.video
-    pipeline = make_pipeline(options)
-    found = pipeline.answer(source, options.question, options.choice or None)
+    if options.choice and len(options.question) > 1:
+        raise DataError(f"--choice is of one question, and {len(options.question)} are asked; ask this one alone")
+    ask = (_baseline_asker if options.system else _asker)(options)
+    if len(options.question) > 1:
+        return _answer_each(options, ask)
+    (question,) = options.question
+    found = ask(question)
     _print_found(found, options)
     errors = [f"{choice.choice!r}: {choice.error}" for choice in found.choices if choice.error]
     return failures_line(len(errors), len(found.choices), "choices", "".join(errors[:1]), options.keep_going)
 
 
-def _answer_by_baseline(options: Any) -> int:
+def _answer_each(options: Any, ask: Callable[[str], Answer]) -> int:
+    """Answer several questions; one that cannot be answered has the reason in place of an answer."""
+    errors = []
+    for question in options.question:
+        try:
+            found = ask(question)
+        except QuestionError as e:
+            if isinstance(e, EndpointError):
+                raise
+            errors.append(f"{question!r}: {e}")
+            print(json.dumps({"question": question, "error": str(e)}) if options.json else f"{question}\nerror: {e}")
+            continue
+        if not options.json:
+            print(question)
+        _print_found(found, options)
+    return failures_line(len(errors), len(options.question), "questions", "".join(errors[:1]), options.keep_going)
+
+
+def _asker(options: Any) -> Callable[[str], Answer]:
+    """What answers a question of the command by the pipeline."""
+    saved = is_scene(options.video)
+    if saved:
+        refuse_for_scene(options)
+    source = load(options.video, Scene) if saved else options.video
+    pipeline = make_pipeline(options)
+    return lambda question: pipeline.answer(source, question, options.choice or None)
+
+
+def _baseline_asker(options: Any) -> Callable[[str], Answer]:
+    """What answers a question of the command by a trained baseline."""
     from nsdr.baselines.trained import TrainedBaseline
     from nsdr.frame_parser.check.video import VideoConfig, check_video
     from nsdr.io.checkpoint import find_checkpoint
@@ -78,9 +108,12 @@ def _answer_by_baseline(options: Any) -> int:
     parser = (
         load_parser(options.question_parser or GRAMMAR, options.checkpoint, device=options.device) if reads else None
     )
-    found = baseline.answer(options.video, options.question, options.choice or None, parser)
-    _print_found(replace(found, notes=distinct(unusual, found.notes)), options)
-    return 0
+
+    def ask(question: str) -> Answer:
+        found = baseline.answer(options.video, question, options.choice or None, parser)
+        return replace(found, notes=distinct(unusual, found.notes))
+
+    return ask
 
 
 def _print_found(found: Answer, options: Any) -> None:

@@ -14,6 +14,7 @@ from nsdr.io.files import check_output
 from nsdr.io.jobs import FAILURES
 from nsdr.io.notes import unsaid
 from nsdr.io.reading import read_json
+from nsdr.io.stages import stage
 from nsdr.io.tasks import ENGINES
 
 Config = TypeVar("Config")
@@ -129,23 +130,31 @@ def settings_of(options: Any) -> Any:
     return replace(settings, video=replace(settings.video, **expected))
 
 
-def make_pipeline(options: Any) -> Any:
+def make_pipeline(options: Any, asks: bool = True) -> Any:
     """The pipeline of the command's options; it shows progress on a terminal.
+
+    Args:
+        options: of the command.
+        asks: whether it is asked questions. If not, the networks or the server that parse them are not needed.
 
     Raises:
         VideoError: the command's video is not one to be processed; mostly before the networks' libraries are loaded, which
             settings that say what is expected of a video need.
     """
-    video = vars(options).get("video") or vars(options).get("source", "")
-    if video and not is_scene(video) and not options.config and not any(v.startswith("video") for v in options.set):
-        from nsdr.frame_parser.check.video import VideoConfig, check_video
+    with stage("loading the networks", sys.stderr.isatty()):
+        video = vars(options).get("video") or vars(options).get("source", "")
+        if video and not is_scene(video) and not options.config and not any(v.startswith("video") for v in options.set):
+            from nsdr.frame_parser.check.video import VideoConfig, check_video
 
-        expected = VideoConfig("warn" if options.force else "refuse", options.background, fps=options.fps)
-        check_video(video, expected)
-    from nsdr.pipeline import Pipeline
+            expected = VideoConfig("warn" if options.force else "refuse", options.background, fps=options.fps)
+            check_video(video, expected)
+        from nsdr.pipeline import Pipeline
+        from nsdr.question_parser.loading import GRAMMAR
 
-    settings = settings_of(options)
-    pipeline = Pipeline.from_pretrained(options.checkpoint, config=settings, device=options.device)
+        settings = settings_of(options)
+        if not asks:
+            settings = replace(settings, question_parser=GRAMMAR, extensions=False)
+        pipeline = Pipeline.from_pretrained(options.checkpoint, config=settings, device=options.device)
     pipeline.progress = sys.stderr.isatty()
     return pipeline
 

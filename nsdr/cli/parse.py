@@ -80,7 +80,7 @@ def _kind(source: Path) -> str:
 
 def _parse_video(options: Any) -> int:
     check_outputs([options.source], (options.output, (".json",)), (options.proposals_out, (".json",)))
-    pipeline = make_pipeline(options)  # before the other imports, so that errors in the video come soon
+    pipeline = make_pipeline(options, asks=False)  # before the other imports, so that errors in the video come soon
     from nsdr.clevrer.files.proposals import proposals_document
     from nsdr.io.files import write_json
 

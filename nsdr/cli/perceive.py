@@ -46,7 +46,7 @@ def judge(options: Any) -> int:
 
     o = options
     check_outputs(o.videos, (o.output, (".json",)), (o.report, (".html",)))
-    pipeline: Any = make_pipeline(o) if o.report or not o.output else None
+    pipeline: Any = make_pipeline(o, asks=False) if o.report or not o.output else None
     kept: Iterable[dict[str, Any]]
     rows, pictured = [], []
     if o.output:
@@ -108,7 +108,7 @@ def visualize(options: Any) -> int:
             message = "holds no trajectories for --image plan; make it again with nsdr parse"
             raise DataError(f"{options.video}: {message}")
         refuse_for_scene(options)
-    pipeline: Any = make_pipeline(options) if scene is None or options.question else None
+    pipeline: Any = make_pipeline(options, bool(options.question)) if scene is None or options.question else None
     p = pipeline.perceive(options.video) if scene is None else _saved_perception(scene)
     removed = p.explanation.counterfactual if p.explanation is not None else ()
     if options.removed is not None and options.removed not in removed:

@@ -1,7 +1,9 @@
 """`nsdr simulate`: what would happen in a video with an object removed, heavier, faster, elsewhere, fixed or added."""
 
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from jsonargparse.typing import NonNegativeInt
@@ -17,7 +19,7 @@ from nsdr.cli.common import (
     shared_options,
 )
 from nsdr.errors import DataError, NsdrError
-from nsdr.io.files import check_installed
+from nsdr.io.files import check_installed, write_json
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
 from nsdr.types.interventions import Intervention
 from nsdr.world.physics_constants import FPS
@@ -28,7 +30,7 @@ PLACE, PLACE_AND_VELOCITY = 2, 4
 ID_DIGITS = 9
 """Longest text that is read as an id (characters)."""
 DECIMALS = 3
-"""Decimals of positions (world units) in the JSON file."""
+"""Decimals of positions (world units) in JSON."""
 WORDS = 3
 """Words of an added object: color, material and shape."""
 
@@ -53,15 +55,19 @@ def simulate_options(parser: Any) -> None:
     add(
         "--from-frame", type=NonNegativeInt, default=0, help="frame of the video at which all this happens (default: 0)"
     )
-    add("-o", "--output", default=None, help="video to write, .mp4: original and changed world side by side")
-    add("--json", default=None, help="also write events, probabilities and positions, .json")
+    output = (
+        "file to write, repeatable: .mp4 with the original and the changed world side by side, or .json as of --json"
+    )
+    add("-o", "--output", action="append", default=[], metavar="FILE", help=output)
+    add("--json", action="store_true", help="print events, probabilities and positions as JSON")
     shared_options(parser, "checkpoint", "pipeline", "video")
 
 
 def simulate(options: Any) -> int:
     """`nsdr simulate`: what differs in a video with interventions, printed, as a video and as JSON."""
-    check_outputs([options.video], (options.output, (".mp4",)), (options.json, (".json",)))
-    if options.output is not None:
+    check_outputs([options.video], *((path, (".mp4", ".json")) for path in options.output))
+    videos, documents = ([p for p in options.output if Path(p).suffix == ending] for ending in (".mp4", ".json"))
+    if videos:
         check_installed("av", "writing videos needs PyAV", "visualize")
     if is_scene(options.video):
         raise DataError(f"{options.video}: is a saved scene, to which no simulator was fitted; give the video")
@@ -70,22 +76,24 @@ def simulate(options: Any) -> int:
         raise DataError("no intervention: expected --remove, --mass, --velocity, --move, --shift, --freeze or --add")
     if options.from_frame:
         _check_frame(options.video, options.from_frame, options.fps)
-    pipeline = make_pipeline(options)
+    pipeline = make_pipeline(options, asks=False)
     simulation = pipeline.simulate(options.video, interventions, options.from_frame)
-    for line in _report(simulation):
-        print(line)
-    print_notes(simulation.notes)
-    if options.json is not None:
-        from nsdr.io.files import write_json
-
-        write_json(options.json, _document(simulation))
-        print(options.json)
-    if options.output is not None:
+    if options.json:
+        print(json.dumps(_document(simulation)))
+    else:
+        for line in _report(simulation):
+            print(line)
+        print_notes(simulation.notes)
+    for path in documents:
+        write_json(path, _document(simulation))
+    if videos:
         from nsdr.apps.comparison import write_comparison
 
         frames = list(frames_of(pipeline, options.video))
-        write_comparison(options.output, frames, simulation, camera=pipeline.camera)
-        print(options.output)
+        for path in videos:
+            write_comparison(path, frames, simulation, camera=pipeline.camera)
+    for path in () if options.json else options.output:
+        print(path)
     return 0
 
 

@@ -93,7 +93,7 @@ class FrameParser(PretrainedPart[nn.Module]):
         rows: list[NDArray[np.float64]] = []
         changes: list[NDArray[np.int64]] = []
         processed: list[int] = []
-        bar = tqdm(desc="frames", unit="frame", disable=not progress, leave=False)
+        bar = tqdm(desc="looking for objects", unit="frame", disable=not progress, leave=False)
         with ThreadPoolExecutor(1) as decoding:  # decodes the next batch while the network processes the present one
             batches = _batches(zip(frames, counter, strict=False), self.batch_size, self.stride)
             upcoming = decoding.submit(next, batches, None)

@@ -145,7 +145,7 @@ MADE: dict[str, tuple[int, tuple[int, int], float]] = {
 
 def _video_cases() -> Iterator[Case]:
     commands = {
-        "answer": ("answer", "video.mp4", "-q", "How many collisions happen?"),
+        "answer": ("answer", "video.mp4", "How many collisions happen?"),
         "parse": ("parse", "video.mp4", "-o", "scene.json"),
         "visualize": ("visualize", "video.mp4", "-o", "image.png"),
     }

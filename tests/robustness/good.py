@@ -225,7 +225,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "predictions": ("program", *COUNT, "--semantics", "official", "--run", "sim_10000.json"),
     "scenes from predictions": (*EVALUATE, *QUESTIONS_OF, "--source", "predictions", "--data", "."),
     "scenes": ("program", *COUNT, "--run", "scene.json"),
-    "scene questions": ("answer", "scene.json", "-q", "How many collisions happen?"),
+    "scene questions": ("answer", "scene.json", "How many collisions happen?"),
     "manifest": (*EVALUATE, "--root", ".", "--source", "annotations", "--types", "descriptive"),
     "submission": ("score", "submission.json", *QUESTIONS_OF, "-o", "report.json"),
     "questions to tag": (*EVALUATE, "--questions", "questions.json", "--source", "truth", "--data", "{good}/truth",
@@ -233,7 +233,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """A command that reads each format, from the name in `DOCUMENTS`."""
 
-ANSWER = ("answer", str(TRUTH), "-q", "How many collisions happen?")
+ANSWER = ("answer", str(TRUTH), "How many collisions happen?")
 EVALUATE_TRUTH = ("evaluate", *QUESTIONS_OF, "--source", "truth", "--data", "{good}/truth", "--programs", "gold",
             "--workers", "1", "--submission", "out.json")  # fmt: skip
 PREDICT = ("parse", "{good}/release/derender_proposals", "-o", "out", "--workers", "1", "--form", "predictions")
@@ -244,7 +244,7 @@ GENERATE = ("generate", "dataset", "-o", "out", "--videos", "1", "--renderer", "
 TRAIN = ("train", "question-parser", "--run-dir", "run", "--loop.steps", "1", "--loop.device", "cpu")
 SCORE = ("score", "{good}/answers.jsonl", *QUESTIONS_OF, "-o", "report.json")
 EXPORT = ("export", "{good}/dataset", "--format", "grpo", "-o", "out")
-SIMULATE = ("simulate", "{good}/video.mp4", "--remove", "brown cylinder", "-o", "out.mp4", "--json", "out.json")
+SIMULATE = ("simulate", "{good}/video.mp4", "--remove", "brown cylinder", "-o", "out.mp4", "-o", "out.json")
 SERVE = ("serve", "{good}/dataset")
 MCP = ("mcp", "{good}/dataset")
 """Commands that are right as they are."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.robustness.case import Case, Write, text_writer
-from tests.robustness.good import ANSWER, COMMANDS, EVALUATE, GENERATE, SCENE, SCORE, annotation, questions
+from tests.robustness.good import COMMANDS, EVALUATE, GENERATE, SCENE, SCORE, annotation, questions
 
 ASK, OF_ROOT = COMMANDS["questions"], (*EVALUATE, "--root", ".", "--source", "annotations", "--types", "descriptive")
 VIDEO = f"video_{SCENE}.mp4"
@@ -58,8 +58,8 @@ PLACES = {
     "folder of the split": "annotation_val/annotation_10000-11000",
 }
 TWICE = {
-    "question": (*ANSWER, "-q", "How many cubes are there?"),
-    "long and short": (*ANSWER, "--question=How many cubes are there?"),
+    "question": ("visualize", "v.mp4", "-o", "x.html", "-q", "How many?", "-q", "How many cubes are there?"),
+    "long and short": ("visualize", "v.mp4", "-o", "x.html", "-q", "How many?", "--question=How many cubes are there?"),
     "output": (*SCORE, "--output", "other.json"),
     "field": (*GENERATE, "--videos=2"),
 }

@@ -26,13 +26,13 @@ ODD = os.fsdecode(b"s\xff")
 """A name that is not UTF-8, without its ending; and how an error shows it."""
 SHOWN = r"s\xff"
 NAMED: dict[str, tuple[str, ...]] = {
-    "answer": ("answer", f"{ODD}.mp4", "-q", "How many collisions happen?"),
-    "answer, scene": ("answer", f"{ODD}.json", "-q", "How many collisions happen?"),
+    "answer": ("answer", f"{ODD}.mp4", "How many collisions happen?"),
+    "answer, scene": ("answer", f"{ODD}.json", "How many collisions happen?"),
     "judge": ("judge", f"{ODD}.mp4"),
     "parse": ("parse", f"{ODD}.mp4", "-o", "scene.json"),
     "parse, output": ("parse", "{good}/video.mp4", "-o", f"{ODD}.json"),
     "visualize": ("visualize", f"{ODD}.mp4", "-o", "image.png"),
-    "background": ("answer", "{good}/video.mp4", "-q", "How many collisions happen?", "--background", f"{ODD}.png"),
+    "background": ("answer", "{good}/video.mp4", "How many collisions happen?", "--background", f"{ODD}.png"),
     "score": ("score", f"{ODD}.json", *SCORE[2:]),
     "configuration": ("generate", "scene", "--config", f"{ODD}.yaml", "-o", "scene.json"),
 }  # fmt: skip

@@ -96,7 +96,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--add": ("red metal cube", "red metal=1,0", "red metal pyramid=1,0", "red metal cube=1", "red metal cube=1,0,1",
                   "red metal cube=99,0", "red metal cube=1,0,99,0", "cube metal red=1,0", "=1,0", "red metal cube=nan,0"),
         "--from-frame": ("-1", "x", "1.5", "100000"), "--dynamics": ("zebra",), "--set": ("zebra=1",),
-        "--background": ("nowhere.png",), "--json": ("x.txt", "out.mp4")}),
+        "--background": ("nowhere.png",), "-o": ("x.txt", "out.mp4")}),
     "serve": (SERVE, {"--port": ("0", "-1", "65536", "x"), "--max-seconds": ("0", "-1", "x", "nan", "inf"),
                       "--max-megabytes": ("0", "-1", "1.5"), "--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
     "mcp": (MCP, {"--checkpoint": ("nowhere",), "--set": ("zebra=1",)}),
@@ -125,7 +125,7 @@ COMMANDS_WRONG = {
     "simulate nothing": ("simulate", "{good}/video.mp4"), "simulate a scene": ("simulate", str(TRUTH), "--remove", "cube"),
     "simulate no video": ("simulate", "nowhere.mp4", "--remove", "cube"),
     "simulate gray frames": ("simulate", "{good}/gray.mp4", "--remove", "cube"),
-    "simulate one output twice": (*SIMULATE[:4], "-o", "out.mp4", "--json", "out.mp4"),
+    "simulate one output twice": (*SIMULATE[:4], "-o", "out.mp4", "-o", "out.mp4"),
     "simulate into the input": (*SIMULATE[:4], "-o", "{good}/video.mp4"),
     "serve no folder": ("serve", "nowhere"), "serve a file": ("serve", "{good}/video.mp4"),
     "serve no clips": ("serve", "{good}/truth"),
@@ -164,7 +164,7 @@ WRITERS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "generate scene": (("generate", "scene"), "--output", "out.json"),
     "score": (SCORE[:-2], "-o", "out.json"),
     "simulate": (SIMULATE[:4], "-o", "out.mp4"),
-    "simulate document": (SIMULATE[:4], "--json", "out.json"),
+    "simulate document": (SIMULATE[:4], "-o", "out.json"),
     "generate questions": (("generate", "questions", "--scenes", "{good}/truth", "--workers", "1"), "--output", "out.json"),
 }  # fmt: skip
 FOLDER_WRITERS: dict[str, tuple[tuple[str, ...], str]] = {

@@ -51,14 +51,13 @@ def text_cases() -> Iterator[Case]:
         yield Case("program", name, ("program", "--run", str(TRUTH), "--", text))
     for name, text in TEXTS.items():
         yield Case("text, program", name, ("program", text))
-        yield Case("text, answer", name, ("answer", str(TRUTH), f"-q={text}"))
+        yield Case("text, answer", name, ("answer", str(TRUTH), "--", text))
     for name, choices in {"descriptive question with choices": ["the presence of the cube"]}.items():
         yield Case("text, choice", name, (*ANSWER, *(f"-c={c}" for c in choices)))
     for name, text in TEXTS.items():
         argv = (
             "answer",
             str(TRUTH),
-            "-q",
             "What will happen next?",
             "-c",
             "The brown cylinder and the metal cube collide",

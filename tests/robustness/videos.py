@@ -49,7 +49,7 @@ def hostile_video_cases() -> Iterator[Case]:
     """All hostile videos."""
     for name, make in IMAGES.items():
         for command, argv in {
-            "answer": ("answer", "video.gif", "-q", "How many collisions happen?"),
+            "answer": ("answer", "video.gif", "How many collisions happen?"),
             "judge": ("judge", "video.gif"),
         }.items():
             write = lambda folder, good, make=make: (folder / "video.gif").write_bytes(make())  # noqa: E731
@@ -63,5 +63,5 @@ def hostile_video_cases() -> Iterator[Case]:
             "with a byte order mark": "\ufeff" + text,
         }.items():
             for file in ("video.mp4", "video.m3u8", "video.ffconcat"):
-                argv = ("answer", file, "-q", "How many collisions happen?")
+                argv = ("answer", file, "How many collisions happen?")
                 yield Case("video that names files", f"{name}, {how}, {file}", argv, text_writer(file, content), file)
