@@ -300,7 +300,7 @@ def test_a_run_is_not_resumed_on_other_questions(scenes, tmp_path) -> None:
 
     train(scenes)
     train(scenes)  # is done
-    with pytest.raises(DataError, match=r"another configuration \(data\)"):
+    with pytest.raises(DataError, match=r"another configuration \(data: .* before, .* now\)"):
         train(scenes[:-2])
 
 

@@ -126,15 +126,6 @@ def test_an_incomplete_checkpoint_is_ignored(tmp_path) -> None:
     assert len(lines(run)) == 2
 
 
-def test_a_run_folder_of_another_configuration_is_refused(tmp_path) -> None:
-    question_parser.main(question_arguments(tmp_path / "run", "--loop.steps", "2"))
-    with pytest.raises(DataError, match=r"started with another configuration \(loop\)"):
-        question_parser.main(question_arguments(tmp_path / "run", "--loop.steps", "4"))
-    elsewhere = question_arguments(tmp_path / "run", "--loop.steps", "2")
-    elsewhere[elsewhere.index("--loop.device") + 1] = "auto"
-    question_parser.main(elsewhere)
-
-
 def test_more_processes_than_devices_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("WORLD_SIZE", "2")
     monkeypatch.setenv("LOCAL_WORLD_SIZE", "2")

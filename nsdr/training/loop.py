@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
@@ -44,7 +44,7 @@ class LoopConfig(Settings):
     """Settings of the optimisation.
 
     Attributes:
-        steps: number of optimizer steps.
+        steps: number of optimizer steps; more of them make a run longer. A "cosine" schedule is then that of the new length.
         batch_size: examples per step and process.
         optimizer: "adam" (AdamW) or "sgd" (momentum 0.9).
         learning_rate: peak learning rate.
@@ -152,7 +152,8 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
         task: what to train.
         config: settings of the optimisation.
         run_dir: folder of the run; see `RunFolder`.
-        resolved: the whole configuration as plain values; a run is resumed only with the configuration it was started with.
+        resolved: the whole configuration as plain values; a run is resumed with the configuration it was started with, but
+            for `MAY_CHANGE` in `run_folder`. A run that is made longer has the learning rates of the new length from then on.
 
     Returns:
         The metrics of the last evaluation: those of the averaged weights, where `config.ema` asks for them. None stands for
@@ -161,8 +162,8 @@ def train(task: Task, config: LoopConfig, run_dir: str | Path, resolved: Mapping
     Raises:
         FloatingPointError: a loss or a gradient is not finite; the message names the step, and the terms of the loss. The run
             can be resumed from its last checkpoint.
-        DataError: `run_dir` was started with another configuration, another process writes to it, or the device cannot
-            be used.
+        DataError: `run_dir` was started with another configuration or has made more steps, another process writes to it, or
+            the device cannot be used.
         MachineError: `run_dir` cannot be written.
     """
     accelerator = _accelerator(config)
@@ -190,6 +191,7 @@ class _Training:
         config, folder = self.config, self.folder
         state = TrainingState(self.task.model, self.optimizer, self.average)
         start, record = folder.restore(state)
+        self._accept_changes(start)
         if start and folder.metrics(start) is None:  # killed after the checkpoint, before its line was written
             self._finish(start, record)
         is_shown = self.accelerator.is_main_process
@@ -212,6 +214,27 @@ class _Training:
         if self.average is not None:
             self.task.model.load_state_dict(self.average.module.state_dict())
         return folder.metrics(config.steps) or {}
+
+    def _accept_changes(self, start: int) -> None:
+        """Go on with other settings than before, and say what a longer cosine schedule does."""
+        config, folder = self.config, self.folder
+        if start > config.steps:
+            made = f"{folder.path}: the run has made {start} steps already"
+            raise DataError(f"{made}; expected at least as many as loop.steps, got {config.steps}")
+        folder.accept_changes(start)
+        if "loop.steps" in folder.changed and config.schedule == "cosine" and 0 < start < config.steps:
+            before = replace(config, steps=folder.changed["loop.steps"][0])
+            log.warning(
+                "%s: the cosine schedule is now that of %d steps: the learning rate goes from %.2g to %.2g at step %d. The "
+                "result is not that of a run of this length from the start; schedule constant or step avoids the difference",
+                *(
+                    folder.path,
+                    config.steps,
+                    learning_rate_at(start - 1, before),
+                    learning_rate_at(start, config),
+                    start,
+                ),
+            )
 
     def _batch(self, step: int) -> Any:
         """This process's part of a step's batch."""

@@ -17,6 +17,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from nsdr.errors import DataError, machine_error
 from nsdr.io.configuration import parse_config
+from nsdr.io.device import resolve_device
 from nsdr.io.files import check_output_folder, json_text, remove_partial_files, sync, write_file, write_json, writing
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.reading import read_json
@@ -28,16 +29,27 @@ KEPT_CHECKPOINTS = 2
 """Newest checkpoints that are kept: should the newest be damaged, the one before it is resumed from."""
 LOSSES = ("step", "loss", "learning_rate")
 """Columns of `metrics.jsonl` that are no metrics, beside the loss terms `loss/...`."""
+MAY_CHANGE = ("loop.steps", "loop.log_every", "loop.evaluate_every", "loop.save_every")
+"""Settings with which a run may be resumed although they differ: the steps that were made would be the same with them."""
+SHORT_OPTIONS = {
+    "--steps": "--loop.steps",
+    "--batch-size": "--loop.batch_size",
+    "--lr": "--loop.learning_rate",
+    "--seed": "--loop.seed",
+    "--device": "--loop.device",
+}
+"""Short names of options of `nsdr train PART`."""
 
 
 def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
     """The configuration of `nsdr train PART` from its arguments; its outputs are checked before any data are read.
 
     Raises:
-        DataError: see `parse_config`; or `run_dir` or `output` is no folder or read-only.
+        DataError: see `parse_config`; `run_dir` or `output` is no folder or read-only; or there is no such device.
         MachineError: `run_dir` or `output` cannot be written.
     """
-    config: Any = parse_config(kind, argv, f"nsdr train {part}", short={"--device": "--loop.device"})
+    config: Any = parse_config(kind, argv, f"nsdr train {part}", short=SHORT_OPTIONS)
+    resolve_device(config.loop.device)  # reading the data may take minutes
     for folder in (config.run_dir, config.output or config.run_dir):
         check_output_folder(folder)
     return config
@@ -103,15 +115,19 @@ class RunFolder:
     """`config.json` (configuration and code revision), `metrics.jsonl`, TensorBoard's events and the newest checkpoints.
 
     A checkpoint is `step_N.safetensors` and, written after it, `step_N.json`. A folder without one holds nothing to go on from:
-    a run with any configuration may start in it.
+    a run with any configuration may start in it. A run may be resumed with other values of the settings in `MAY_CHANGE`;
+    `config.json` then holds the new ones, and in `changes` the step from which each of them holds, with the old value.
 
     Args:
         path: the folder; created if missing.
         resolved: the whole configuration as plain values.
         writes: whether this process writes; with several, one does.
 
+    Attributes:
+        changed: the settings that differ from those of the run before, such as "loop.steps", with their old and new value.
+
     Raises:
-        DataError: the folder's checkpoints come from another configuration.
+        DataError: the folder's checkpoints come from another configuration; names each setting with both values.
     """
 
     def __init__(self, path: str | Path, resolved: Mapping[str, Any], writes: bool = True) -> None:
@@ -121,18 +137,34 @@ class RunFolder:
         self._cpu_before = -time.process_time()
         if writes:
             remove_partial_files(self.path)
-        resolved = json.loads(json.dumps(resolved))
-        config = self.path / "config.json"
-        if _checkpoints(self.path) and config.exists():
-            before = read_json(config)["config"]
-            changed = sorted(k for k in {*before, *resolved} if before.get(k) != resolved.get(k))
-            if changed:
-                raise DataError(
-                    f"{path}: was started with another configuration ({', '.join(changed)}); use a new run_dir"
-                )
+        self._config = self.path / "config.json"
+        self._details = {"config": json.loads(json.dumps(resolved)), "revision": code_revision()}
+        self._details["torch"] = torch.__version__
+        self.changed: dict[str, tuple[Any, Any]] = {}
+        if _checkpoints(self.path) and self._config.exists():
+            started = read_json(self._config)
+            self.changed = _differences(started["config"], self._details["config"])
+            refused = [name for name in self.changed if name not in MAY_CHANGE]
+            if refused:
+                values = ", ".join("{}: {} before, {} now".format(name, *self.changed[name]) for name in refused)
+                raise DataError(f"{path}: was started with another configuration ({values}); use a new run_dir")
+            self._details = started | {"config": self._details["config"]}
         elif writes:
-            details = {"config": resolved, "revision": code_revision(), "torch": torch.__version__}
-            write_json(config, details, indent=1)
+            write_json(self._config, self._details, indent=1)
+
+    def accept_changes(self, step: int) -> None:
+        """Write to `config.json` which settings differ after so many steps; `changed` has their old and new values."""
+        if self.changed:
+            new = [{"step": step, "setting": name, "before": old} for name, (old, _) in self.changed.items()]
+            self._details["changes"] = [*self.changes, *new]
+            if self.writes:
+                write_json(self._config, self._details, indent=1)
+
+    @property
+    def changes(self) -> list[dict[str, Any]]:
+        """What was changed when the run was resumed: the `step` from which it holds, `setting`, and the value `before`."""
+        found: list[dict[str, Any]] = self._details.get("changes", [])
+        return found
 
     def save(self, state: TrainingState, step: int, record: Mapping[str, float]) -> None:
         """Write the checkpoint after so many steps, with the losses of the last one, and delete all but the newest ones.
@@ -248,3 +280,15 @@ class RunFolder:
 def _checkpoints(path: Path) -> list[Path]:
     """The JSON files of the checkpoints, the newest first."""
     return sorted(path.glob("step_*.json"), reverse=True)
+
+
+def _differences(before: Mapping[str, Any], now: Mapping[str, Any], section: str = "") -> dict[str, tuple[Any, Any]]:
+    """Of settings that differ, such as "loop.steps", the value before and now; "nothing" where there is none."""
+    found: dict[str, tuple[Any, Any]] = {}
+    for key in {**before, **now}:
+        old, new = before.get(key, "nothing"), now.get(key, "nothing")
+        if isinstance(old, Mapping) and isinstance(new, Mapping):
+            found |= _differences(old, new, f"{section}{key}.")
+        elif old != new:
+            found[f"{section}{key}"] = (old, new)
+    return found
