@@ -151,7 +151,7 @@ def test_tracker_finds_the_true_objects(shared) -> None:
 
 
 def test_real_proposals_are_answered_well(shared) -> None:
-    """A floor under what was measured on all of mixed_dev; the full numbers are in docs/results.md.
+    """A floor under what was measured on all of mixed_dev; the full numbers are in docs/results_studies.md.
 
     Of explanatory questions there are 20 here, so one that fails costs up to 5 % of the choices.
     """

@@ -33,8 +33,8 @@ MAY_CHANGE = ("loop.steps", "loop.log_every", "loop.evaluate_every", "loop.save_
 """Settings with which a run may be resumed although they differ: the steps that were made would be the same with them."""
 SHORT_OPTIONS = {
     "--steps": "--loop.steps",
-    "--batch-size": "--loop.batch_size",
-    "--lr": "--loop.learning_rate",
+    "--batch-size": "--loop.batch-size",
+    "--lr": "--loop.learning-rate",
     "--seed": "--loop.seed",
     "--device": "--loop.device",
 }

@@ -9,7 +9,7 @@ Differs from the paper:
       object that a question is about.
     - A word attends to the objects of all frames at once; in Lei et al. to those of each frame, and the frames are summed
       afterwards. That learns later; a network whose objects attend to words (Lei et al. 2018) learnt nothing of 96,000 plain
-      texts about features of the truth (docs/results.md).
+      texts about features of the truth (docs/results_baselines.md).
     - An LSTM encodes the words; in Lei et al. 2020 convolutions and self-attention do.
     - A question and its option are one text, which is scored over all answers. Lei et al. encode them separately and give each
       option one number.
