@@ -1,27 +1,25 @@
 """The whole system: a video and a question go in, an answer with its trace comes out."""
 
-import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics import registry
 from nsdr.dynamics.base import Dynamics, Explanation
 from nsdr.dynamics.motion_states import VideoPixels, states_from_tracks
-from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend, weights_folder
+from nsdr.dynamics.registry import BackendConfig, backend_settings
 from nsdr.dynamics.scene import collisions_of, scene_from_prediction
 from nsdr.dynamics.simulation import simulate
 from nsdr.errors import DataError, QuestionError, VideoError
 from nsdr.frame_parser.check.video import VideoConfig, check_video, clip_frames
-from nsdr.io.checkpoint import PIPELINE, HasWeights, find_checkpoint, folder_of_part, is_default
+from nsdr.io.checkpoint import PIPELINE, HasWeights
 from nsdr.io.decoding import check_is_video
 from nsdr.io.description import described, differing
-from nsdr.io.device import resolve_device, without_compiler
+from nsdr.io.device import resolve_device
 from nsdr.io.files import write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.images import Video, VideoSource, video_of
@@ -30,14 +28,13 @@ from nsdr.io.registry import checked_result
 from nsdr.io.stages import stage
 from nsdr.io.storage import load
 from nsdr.laws.judge import judge_proposals, judge_tracks
-from nsdr.pipeline_config import PipelineConfig, pipeline_settings
-from nsdr.question_parser import loading
+from nsdr.perception import Perception, check_tracks
+from nsdr.pipeline_config import PipelineConfig, load_parts, pipeline_settings, settings_of
 from nsdr.question_parser.base import Parser, read_programs
-from nsdr.question_parser.loading import load_parser
 from nsdr.symbolic import Executor
 from nsdr.symbolic.program import ProgramSource
 from nsdr.tracking.localization import size_notes
-from nsdr.tracking.speeds import UNFIT_SPEED, fastest_start, speed_notes
+from nsdr.tracking.speeds import speed_notes
 from nsdr.tracking.tracker import TrackerConfig, existence, track
 from nsdr.types import Answer, Event, Judgement, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
@@ -54,21 +51,6 @@ KEPT_VIDEOS = 16
 """Perceptions that a pipeline keeps."""
 PARSER_SETTINGS = ("stride", "precision")
 """Attributes of a frame parser on which its proposals depend, and which may be set between two calls."""
-
-
-@dataclass(frozen=True)
-class Perception:
-    """Everything that was found out about a video; stages that were given or skipped are None."""
-
-    proposals: VideoProposals | None
-    tracks: VideoTracks | None
-    explanation: Explanation | None
-    scene: Scene
-
-    @property
-    def camera(self) -> Camera:
-        """The camera that took the video. It is CLEVRER's if there is no explanation."""
-        return CLEVRER_CAMERA if self.explanation is None else self.explanation.camera
 
 
 class Pipeline:
@@ -145,22 +127,7 @@ class Pipeline:
             config = pipeline_settings(config or "", checkpoint=path_or_id)
         if dynamics:
             config = replace(config, dynamics=backend_settings(dynamics))
-        folder = find_checkpoint(path_or_id)
-        resolve_device(device)
-        parser = load_parser(config.question_parser, folder, config.extensions, device)
-
-        with without_compiler():
-            from nsdr.frame_parser.parser import FrameParser
-        frame_parser = FrameParser.from_checkpoint(
-            folder_of_part(folder, "frame_parser"),
-            batch_size=config.batch_size,
-            stride=config.stride,
-            precision=config.precision,
-        )
-        backend = load_backend(config.dynamics, folder)
-        if borrowed := _borrowed(folder, config):
-            warnings.warn(f"{folder} has no {', '.join(borrowed)}; the shipped ones are used", stacklevel=2)
-        pipeline = cls(frame_parser, backend, parser, config.tracker, config.video, config.camera)
+        pipeline = cls(*load_parts(path_or_id, config, device), config.tracker, config.video, config.camera)
         return pipeline.to(device)
 
     def save_pretrained(self, folder: str | Path) -> None:
@@ -182,23 +149,8 @@ class Pipeline:
         Raises:
             DataError: a part of your own, which is not named by settings; names it.
         """
-        from nsdr.frame_parser.parser import FrameParser
-
-        parser = self.frame_parser
-        if type(parser) is not FrameParser:
-            raise DataError(f"{type(parser).__name__} is no nsdr.FrameParser, and cannot be stored")
-        name, extensions = loading.settings_of(self.question_parser)
-        return PipelineConfig(
-            stride=parser.stride,
-            batch_size=parser.batch_size,
-            precision=parser.precision,
-            video=self.video,
-            camera=self.camera,
-            tracker=self.tracker,
-            dynamics=registry.settings_of(self.dynamics),
-            question_parser=name,
-            extensions=extensions,
-        )
+        about = (self.tracker, self.video, self.camera)
+        return settings_of(self.frame_parser, self.dynamics, self.question_parser, *about)
 
     def to(self, device: str) -> "Pipeline":
         """Move the networks to a device ("auto", "cpu", "cuda", …); returns the pipeline.
@@ -291,7 +243,8 @@ class Pipeline:
                 assert proposals is not None
                 tracks = track(proposals, self.tracker, self.camera)
                 probable = existence(tracks)
-            self._check_tracks(tracks, video)
+            refuses = self.video.check == "refuse" and video is not None
+            check_tracks(tracks, self.tracker, refuses, "the proposals" if video is None else str(video))
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
             pixels = None
             if video is not None and proposals is not None:
@@ -304,19 +257,6 @@ class Pipeline:
             unfit = (*speed_notes(tracks), *size_notes(tracks)) if self.video.check != "off" else ()
             scene = replace(scene, notes=distinct(tracks.notes, unfit))
         return Perception(proposals, tracks, explanation, scene)
-
-    def _check_tracks(self, tracks: VideoTracks, video: Video | None) -> None:
-        """Refuse tracks without objects, and those of a video whose objects all move too far from frame to frame."""
-        if not tracks.tracks:
-            least, hint = self.tracker.min_frames, "is it a CLEVRER clip?"
-            if tracks.n_frames <= least:
-                fewer = max(tracks.n_frames - 1, 0)
-                hint = (
-                    f"there are only {tracks.n_frames}; --set tracker.min_frames={fewer} takes what is in all of them"
-                )
-            raise VideoError(f"{video or 'the proposals'}: no objects found in more than {least} frames; {hint}")
-        if video is not None and self.video.check == "refuse" and fastest_start(tracks) > UNFIT_SPEED:
-            raise VideoError(f"{video}: {speed_notes(tracks)[0]}. --force goes on all the same")
 
     def simulate(
         self,
@@ -462,16 +402,3 @@ class Pipeline:
 def judge(video: VideoSource | None = None, proposals: VideoProposals | None = None) -> Judgement:
     """`Pipeline.judge` of the shipped pipeline, which is loaded for it. For many videos, load one pipeline."""
     return Pipeline.from_pretrained().judge(video, proposals)
-
-
-def _borrowed(folder: Path, config: PipelineConfig) -> list[str]:
-    """The parts that a checkpoint lacks, and which a shipped one has."""
-    if is_default(folder):
-        return []
-    taken = {
-        "frame_parser": folder_of_part(folder, "frame_parser"),
-        "dynamics": weights_folder(folder, config.dynamics),
-    }
-    if config.question_parser == loading.NETWORK:
-        taken["question_parser"] = folder_of_part(folder, "question_parser")
-    return [part for part, found in taken.items() if found != folder]

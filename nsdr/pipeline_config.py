@@ -1,26 +1,34 @@
-"""Settings of all parts of the pipeline, and what makes kept results of perception stale."""
+"""Settings of all parts of the pipeline, the parts that they describe, and what makes kept results of perception stale."""
 
 import sys
+import warnings
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
 
-from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, weights_folder
+from nsdr.dynamics import registry
+from nsdr.dynamics.base import Dynamics
+from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, load_backend, weights_folder
 from nsdr.errors import DataError
 from nsdr.frame_parser.check.video import VideoConfig
-from nsdr.io.checkpoint import PIPELINE, find_checkpoint, folder_of_part, has_part, load_description
+from nsdr.io.checkpoint import PIPELINE, find_checkpoint, folder_of_part, has_part, is_default, load_description
 from nsdr.io.configuration import option, parse_config
-from nsdr.io.device import PRECISIONS
+from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.shipped import find_config
-from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser
+from nsdr.question_parser import loading
+from nsdr.question_parser.base import Parser
+from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser, load_parser
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.camera import Camera, check_release_size
+
+if TYPE_CHECKING:  # it loads torch, and settings are checked without it
+    from nsdr.frame_parser.parser import FrameParser
 
 OF_QUESTIONS = ("question_parser", "extensions")
 """Settings of `PipelineConfig` that only questions depend on, and perception does not."""
@@ -136,6 +144,70 @@ def _saved_with(checkpoint: str | Path) -> list[str]:
     if has_part(folder, "question_parser") and not has_part(folder, "frame_parser"):
         argv += [option("question_parser"), NETWORK]
     return argv
+
+
+def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> tuple["FrameParser", Dynamics, Parser]:
+    """Load the frame parser, the dynamics backend and the question parser of a checkpoint.
+
+    Args:
+        path_or_id: where the checkpoint is. A warning says which parts it lacks, and shipped ones are used for them.
+        config: settings of the parts.
+        device: where the networks of the question parser run.
+
+    Raises:
+        CheckpointError: missing or corrupt; says what and how to get it.
+        DataError: an unknown device.
+        EndpointError: the server of the question parser does not answer.
+    """
+    folder = find_checkpoint(path_or_id)
+    resolve_device(device)
+    question_parser = load_parser(config.question_parser, folder, config.extensions, device)
+    with without_compiler():
+        from nsdr.frame_parser.parser import FrameParser
+    taken = {
+        "frame_parser": folder_of_part(folder, "frame_parser"),
+        "dynamics": weights_folder(folder, config.dynamics),
+    }
+    if config.question_parser == NETWORK:
+        taken["question_parser"] = folder_of_part(folder, "question_parser")
+    options = {"batch_size": config.batch_size, "stride": config.stride, "precision": config.precision}
+    frame_parser = FrameParser.from_checkpoint(taken["frame_parser"], **options)
+    backend = load_backend(config.dynamics, folder)
+    lacking = [] if is_default(folder) else [part for part, found in taken.items() if found != folder]
+    if lacking:
+        warnings.warn(f"{folder} has no {', '.join(lacking)}; the shipped ones are used", stacklevel=3)
+    return frame_parser, backend, question_parser
+
+
+def settings_of(
+    frame_parser: "FrameParser",
+    dynamics: Dynamics,
+    question_parser: Parser,
+    tracker: TrackerConfig,
+    video: VideoConfig,
+    camera: Camera,
+) -> PipelineConfig:
+    """The settings with which `load_parts` loads these parts again, if their weights are in the checkpoint.
+
+    Raises:
+        DataError: a part of the user's own, which is not named by settings; names it.
+    """
+    from nsdr.frame_parser.parser import FrameParser
+
+    if type(frame_parser) is not FrameParser:
+        raise DataError(f"{type(frame_parser).__name__} is no nsdr.FrameParser, and cannot be stored")
+    name, extensions = loading.settings_of(question_parser)
+    return PipelineConfig(
+        stride=frame_parser.stride,
+        batch_size=frame_parser.batch_size,
+        precision=frame_parser.precision,
+        video=video,
+        camera=camera,
+        tracker=tracker,
+        dynamics=registry.settings_of(dynamics),
+        question_parser=name,
+        extensions=extensions,
+    )
 
 
 def idle_without_video(file: str | Path, overrides: Sequence[str]) -> list[str]:

@@ -16,7 +16,7 @@ PLACE = re.compile(r"(?:an? )?(?:[\w-]+ )?(folder or file|file or folder|folder|
 """The beginning of a description of a path."""
 PLACES = {"FOLDER": "FOLDER", "FILE": "FILE"}
 """Words of descriptions that are written as they are; others are any path."""
-NOT_SHOWN = (None, "", False, [], (), argparse.SUPPRESS)
+NOT_SHOWN: tuple[Any, ...] = (None, "", False, [], (), argparse.SUPPRESS)
 """Defaults that are not worth a word."""
 
 

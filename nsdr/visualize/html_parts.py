@@ -109,7 +109,14 @@ def why_html(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
 def steps_html(
     trace: Sequence[TraceStep], perception: Perception, frames: NDArray[np.uint8] | None, unfolded: str = ""
 ) -> str:
-    """The steps, collapsed, and the program tree; words such as `cube` are no steps but stand among the inputs."""
+    """The steps, collapsed, and the program tree; words such as `cube` are no steps but stand among the inputs.
+
+    Args:
+        trace: the executed steps.
+        perception: where the events of the steps are found.
+        frames: (F, 320, 480, 3) uint8 RGB frames for pictures of events; None for no pictures.
+        unfolded: " open" to show the steps unfolded.
+    """
     is_word = [not step.inputs and step.module == step.text for step in trace]
     numbers = np.cumsum([not word for word in is_word]).tolist()
     rows = []
