@@ -188,7 +188,7 @@ class Split:
         Raises:
             DataError: it is missing.
         """
-        path = self._find(kind, index)
+        path = self.find(kind, index)
         if path is None:
             file, where = _FILES[kind][0].format(index=index), self.files.expected(kind)
             raise DataError(f"{self.root}: has no {file} ({kind} of {self.name}): {where}; are all zip files unpacked?")
@@ -224,7 +224,7 @@ class Split:
 
     def entries(self, kind: str) -> dict[int, Path]:
         """The files of a kind ("videos", "annotations" or "proposals") that are there, by video index."""
-        found = {i: self._find(kind, i) for i in self.indices}
+        found = {i: self.find(kind, i) for i in self.indices}
         return {i: path for i, path in found.items() if path is not None}
 
     def inventory(self) -> list[Inventory]:
@@ -235,10 +235,11 @@ class Split:
                 found = self.question_file is not None
                 rows.append(Inventory(self.name, kind, int(found), 1, ()))
             elif not (kind == "annotations" and self.name == "test"):
-                missing = [i for i in self.indices if self._find(kind, i) is None]
+                missing = [i for i in self.indices if self.find(kind, i) is None]
                 n = len(self.indices)
                 rows.append(Inventory(self.name, kind, n - len(missing), n, tuple(missing)))
         return rows
 
-    def _find(self, kind: str, index: int) -> Path | None:
+    def find(self, kind: str, index: int) -> Path | None:
+        """Path of a file of a kind ("videos", "annotations" or "proposals"); None if it is missing."""
         return self.files.find(kind, [pattern.format(index=index) for pattern in _FILES[kind]])

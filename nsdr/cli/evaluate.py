@@ -12,7 +12,7 @@ from nsdr.cli.common import Command, check_outputs, failures_line, print_notes, 
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output_folder
 
-WHAT = ("root", "split", "questions", "data", "source", "programs", "limit")
+WHAT = ("root", "split", "available", "questions", "data", "source", "programs", "limit")
 """Options of `nsdr evaluate` that say what is evaluated."""
 RARE = (
     *("types", "every", "tags_from", "videos", "truth", "truth_source", "semantics", "collisions", "counterfactuals"),
@@ -31,8 +31,13 @@ def evaluate_options(parser: Any) -> None:
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=setting)
     add("-o", "--output", default=None, metavar="FILE", help="write the table and every result as JSON")
     add("--submission", default=None, metavar="FILE", help="write the answers as an EvalAI submission")
+    add(
+        "--available",
+        action="store_true",
+        help="score the videos of the data set that are there; else all must be there",
+    )
     shared_options(parser, "parser", "failures")
-    explicit = {"types", "set", "question_parser"}
+    explicit = {"types", "set", "question_parser", "available"}
     parser.add_class_arguments(EvaluationConfig, as_group=False, skip=explicit)
 
 

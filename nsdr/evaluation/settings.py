@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from nsdr import question_parser, symbolic
 from nsdr.baselines.recording import tag_options
-from nsdr.clevrer.dataset import CLEVRER
+from nsdr.clevrer.dataset import CLEVRER, Split
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
@@ -21,10 +21,13 @@ from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 VERSION = 3
 """Of reports: raised when they change."""
 COUNTED_OTHERWISE = {
-    *("questions", "data", "videos", "truth", "tags_from", "root", "cache", "engine", "workers", "device"),
+    *("questions", "data", "videos", "truth", "tags_from", "root", "available", "cache", "engine", "workers", "device"),
     *("checkpoint", "config", "set", "dynamics", "question_parser"),
 }
 """Settings that count for a fingerprint by what they name, or change no result."""
+
+FILES_OF = {"videos": "videos", "proposals": "proposals", "tracks": "annotations", "annotations": "annotations"}
+"""The kind of a data set's files that scenes of each source are made from."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class EvaluationConfig(Settings):
         data: folder or file that `source` reads; "" with `root`.
         root: folder of a data set in the official layout (see `nsdr.clevrer.CLEVRER`), in place of `questions` and `data`.
         split: "train", "validation" or "test" of `root`.
+        available: whether only the videos of `root` that are there count; if not, all must be there.
         source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
         videos: folder of the videos that the proposals of `data` are of, for a dynamics backend that reads images.
         programs: "parsed", or "gold" for those of the question file.
@@ -65,6 +69,7 @@ class EvaluationConfig(Settings):
     data: str = ""
     root: str = ""
     split: Literal["train", "validation", "test"] = "validation"
+    available: bool = False
     source: str = "videos"
     videos: str = ""
     programs: Literal["parsed", "gold"] = "parsed"
@@ -114,6 +119,8 @@ class EvaluationConfig(Settings):
             raise DataError("truth_source and truth go together; give both or none")
         if self.split != "validation" and not self.root:
             raise DataError(f"split {self.split} is of --root and does nothing without it")
+        if self.available and not self.root:
+            raise DataError("available is of --root and does nothing without it")
         if self.semantics == "official" and self.root:
             raise DataError("source predictions cannot be read from a split of --root; give --questions and --data")
 
@@ -141,7 +148,12 @@ def evaluation_fingerprint(config: EvaluationConfig) -> str:
 
 
 def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], Data]:
-    """The questions that are answered, and what scenes are made from."""
+    """The questions that are answered, and what scenes are made from.
+
+    Raises:
+        DataError: unreadable questions; or some of the files of `root` are missing (says how many, and where they were looked
+            for), and `available` is False.
+    """
     data: Data
     if config.root:
         split = CLEVRER(config.root).split(config.split)
@@ -149,8 +161,28 @@ def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], 
     else:
         listed, data = read_questions(config.questions), Path(config.data)
     listed = [s for s in listed if any(q.type in config.types for q in s.questions)]
+    if isinstance(data, Split) and config.available:
+        listed = [s for s in listed if _is_there(config, data, s)]
+        if not listed:
+            raise DataError(_partial(config, data, 0, len(data.indices)))
     listed = listed[:: config.every][: config.limit or None]
+    if isinstance(data, Split) and not config.available:
+        there = sum(_is_there(config, data, s) for s in listed)
+        if there < len(listed):
+            raise DataError(_partial(config, data, there, len(listed)))
     return _tagged(listed, config) if config.tags_from else listed, data
+
+
+def _is_there(config: EvaluationConfig, split: Split, s: SceneQuestions) -> bool:
+    """Whether a split has the file that the scene of questions is made from."""
+    return config.source not in FILES_OF or split.find(FILES_OF[config.source], s.scene_index) is not None
+
+
+def _partial(config: EvaluationConfig, split: Split, there: int, wanted: int) -> str:
+    """What is said of a split with some or none of the files."""
+    kind = FILES_OF[config.source]
+    remedy = "; --available scores those" if there else ""
+    return f"{split.root}: {there or 'none'} of {wanted} {kind} are here{remedy}: {split.files.expected(kind)}"
 
 
 def _tagged(questions: Sequence[SceneQuestions], config: EvaluationConfig) -> list[SceneQuestions]:
