@@ -137,7 +137,7 @@ def prepare(data: Path, videos: int) -> None:
     run([*generation("set", videos, VIDEO_FRAMES), "--workers", str(WORKERS)], data)
     frames = ("-o", "frames", "--every", "16")
     run(["data", "frames", "set/videos", "--proposals", "set/derender_proposals", *frames], data)
-    run(["data", "motion", "set", "-o", "motion"], data)
+    run(["data", "motion", "set", "--split", "train", "-o", "motion"], data)
     (data / "example.yaml").write_text(
         "title: Example\n"
         f"common: {{questions: {data}/set/questions/validation.json, data: {data}/set/derender_proposals, programs: gold,\n"

@@ -247,7 +247,7 @@ def root(tmp_path_factory) -> Path:
 
 
 def command(root: Path, generated: Path, output: Path) -> list[str]:
-    folders = ["--truth", str(root), "--generated", str(generated), "-o", str(output)]
+    folders = ["--root", str(root), "--generated", str(generated), "-o", str(output)]
     return ["compare-videos", *folders, "--given-frames", "20", "--runs", "3", "--workers", "1"]
 
 

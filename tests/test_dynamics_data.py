@@ -88,7 +88,7 @@ def official(tmp_path_factory) -> Path:
 
 
 def convert_and_train(root: Path, folder: Path) -> tuple[Path, Path]:
-    assert main(["data", "motion", str(root), "-o", str(folder), "--workers", "1"]) == 0
+    assert main(["data", "motion", str(root), "--split", "train", "-o", str(folder), "--workers", "1"]) == 0
     files = folder / "proposals.npz", folder / "truth.json.gz"
     inputs = ["--proposals", str(files[0]), "--truth", str(files[1]), "--run-dir", str(folder / "run")]
     assert main(["train", "dynamics", *inputs, *STEP]) == 0

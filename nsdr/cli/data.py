@@ -38,7 +38,7 @@ def data_verify(options: Any) -> int:
 def data_download_options(parser: Any) -> None:
     add = parser.add_argument
     add("root", help="folder to write to")
-    add("--split", required=True, choices=[*SPLITS], help="which videos")
+    add("--split", default="validation", choices=[*SPLITS], help="which videos")
     kinds = ["videos", "annotations", "questions"]
     add("--what", nargs="+", default=kinds, help="videos, annotations, questions (default: all)")
 
@@ -75,7 +75,7 @@ def data_motion_options(parser: Any) -> None:
     add = parser.add_argument
     add("root", help="the data set's folder")
     add("-o", "--output", required=True, help="folder to write")
-    add("--split", default="train", choices=[*SPLITS], help="which videos (default: train)")
+    add("--split", default="validation", choices=[*SPLITS], help="which videos")
     shared_options(parser, "work", "failures")
 
 

@@ -129,7 +129,7 @@ def score(options: Any) -> int:
 
 def compare_videos_options(parser: Any) -> None:
     add = parser.add_argument
-    add("--truth", type=NotEmptyStr, required=True, help="data set of `nsdr generate dataset`")
+    add("--root", type=NotEmptyStr, required=True, help="folder of a data set of `nsdr generate dataset`")
     generated = "folder with a video_N.mp4 for each, the given frames first"
     add("--generated", type=NotEmptyStr, required=True, help=generated)
     add("--given-frames", type=PositiveInt, default=32, help="number of frames that the video model was given")
@@ -148,8 +148,8 @@ def compare_videos(options: Any) -> int:
     from nsdr.continuations.report import markdown_table, write_files
 
     about = (o.given_frames, o.runs, o.split, o.checkpoint, settings, o.engine, o.workers, o.device)
-    report = run(o.truth, o.generated, o.output, *about)
-    given = f"--truth {o.truth} --generated {o.generated} --given-frames {o.given_frames} --runs {o.runs}"
+    report = run(o.root, o.generated, o.output, *about)
+    given = f"--root {o.root} --generated {o.generated} --given-frames {o.given_frames} --runs {o.runs}"
     command = f"nsdr compare-videos {given}{f' --split {o.split}' if o.split else ''} -o {o.output}"
     paths = write_files(report, Path(o.output), command)
     print(markdown_table(report))

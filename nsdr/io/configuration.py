@@ -37,7 +37,7 @@ class OptionParser(jsonargparse.ArgumentParser):
         self.more: tuple[str, ...] = ()
         self._needed: list[str] = []
 
-    def parse_args(self, args: Sequence[str] | None = None, *others: Any, **named: Any) -> Any:  # type: ignore[override]
+    def parse_args(self, args: Any = None, *others: Any, **named: Any) -> Any:  # type: ignore[override]
         """As argparse, but for the spelling; raises `DataError` for an option with underscores."""
         arguments = sys.argv[1:] if args is None else list(args)
         self._needed = [a.dest for a in self._actions if a.required]  # jsonargparse hides it from argparse

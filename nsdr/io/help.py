@@ -31,6 +31,8 @@ def written(kind: Any) -> str:
         return "|".join(map(str, arguments))
     if kind is bool:
         return "true|false"
+    if is_dataclass(kind):
+        return "null"
     if isinstance(kind, type) and issubclass(kind, int | float):
         return "NUMBER"
     if isinstance(origin, type) and issubclass(origin, Mapping):
@@ -62,7 +64,7 @@ def formatted_help(parser: Any, needed: Sequence[str], groups: Mapping[str, Sequ
     """
     actions = [a for a in parser._actions if a.help != argparse.SUPPRESS and a.dest not in more]
     sections = {a.dest.split(".")[0]: None for a in actions if "." in a.dest or _is_section(a)}
-    shown = [a for a in actions if "." not in a.dest and a.dest not in sections]
+    shown = [a for a in actions if "." not in a.dest and (a.dest not in sections or _may_be_none(a))]
     named = {name for names in groups.values() for name in names}
     rows = {
         "arguments": [a for a in shown if not a.option_strings],
@@ -92,6 +94,10 @@ def _is_section(action: Any) -> bool:
     return any(is_dataclass(option) for option in (kind, *get_args(kind)))
 
 
+def _may_be_none(action: Any) -> bool:
+    return NoneType in get_args(getattr(action, "_typehint", None))
+
+
 def _described(action: argparse.Action, required: bool) -> Iterator[str]:
     about = " ".join((action.help or "").split()).replace("%%", "%").rstrip(".")
     if action.dest == "print_config":
@@ -104,7 +110,7 @@ def _described(action: argparse.Action, required: bool) -> Iterator[str]:
 
 def _default(action: argparse.Action) -> str | None:
     value = action.default
-    if any(value is none or value == none for none in NOT_SHOWN) or not action.option_strings:
+    if any(value is none or value == none for none in NOT_SHOWN) or not action.option_strings or _is_section(action):
         return None
     if isinstance(value, list | tuple):
         return " ".join(map(str, value))
