@@ -302,3 +302,25 @@ def test_options_are_spelled_with_dashes_alone(tmp_path, capsys) -> None:
     for wrong in ("--first_scene", "--scene.held_out"):
         assert main([*given, wrong, "3"]) == 2
         assert f"{wrong}: options are spelled with dashes: {wrong.replace('_', '-')}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "begins"),
+    [
+        (["--stepz", "3"], "error: unrecognized arguments: --stepz"),
+        (["--loop.stepz=3"], "error: unrecognized arguments: --loop.stepz"),
+        (["--loop.batch_size", "3"], "error: --loop.batch_size: options are spelled with dashes"),
+        (["--steps", "0"], "error: --steps: "),
+        (["--lr=-1"], "error: --lr: "),
+        (["--batch-size", "many"], "error: --batch-size: "),
+        ([], "error: FILE: "),
+    ],
+)
+def test_the_wrong_option_is_named_and_not_the_file(option, begins, tmp_path, capsys) -> None:
+    """Where no option is wrong, the file is named."""
+    file = tmp_path / "c.yaml"
+    file.write_text("run_dir: r\n" if option else "run_dir: r\nlearning: 3\n")
+    assert main(["train", "question-parser", "--config", str(file), *option]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(begins.replace("FILE", str(file)))
+    assert (str(file) in error) == (not option)

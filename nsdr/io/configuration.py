@@ -1,6 +1,7 @@
 """Command line and YAML -> one frozen dataclass: defaults, then the file, then the flags; unknown keys are errors."""
 
 import argparse
+import re
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -37,7 +38,7 @@ class OptionParser(jsonargparse.ArgumentParser):
         self.more: tuple[str, ...] = ()
         self._needed: list[str] = []
 
-    def parse_args(self, args: Any = None, *others: Any, **named: Any) -> Any:  # type: ignore[override]
+    def parse_args(self, args: Any = None, *others: Any, **named: Any) -> Any:
         """As argparse, but for the spelling; raises `DataError` for an option with underscores."""
         arguments = sys.argv[1:] if args is None else list(args)
         self._needed = [a.dest for a in self._actions if a.required]  # jsonargparse hides it from argparse
@@ -95,7 +96,8 @@ def parse_config(
     Raises:
         DataError: an unreadable file, an unknown or missing key, or a value of another type or out of its range; names it.
     """
-    arguments = [_in_full(a, short) for a in (sys.argv[1:] if argv is None else argv)]
+    given = list(sys.argv[1:] if argv is None else argv)
+    arguments = [_in_full(a, short) for a in given]
     options = [*pairwise(arguments), *(a.split("=", 1) for a in arguments if a.startswith("--") and "=" in a)]
     for name, value in options:
         _check_option(name, value)
@@ -115,8 +117,20 @@ def parse_config(
         values.pop("config")
         return kind(**values)
     except UNUSABLE as e:
-        where = f"{', '.join(files)}: " if files else "" if isinstance(e, DataError) else f"{program}: "
-        raise DataError(where + (" ".join(str(e).split()) or type(e).__name__)) from e
+        message = " ".join(str(e).split()) or type(e).__name__
+        where = _at_fault(given, short, message) or files or ([] if isinstance(e, DataError) else [program])
+        names_it = not where or message.startswith(("--", "unrecognized arguments"))
+        raise DataError(message if names_it else f"{', '.join(where)}: {message}") from e
+
+
+def _at_fault(given: Sequence[str], short: Mapping[str, str], message: str) -> list[str]:
+    """The options, as they are given, whose fields a message names: `--steps` of "… at `$.steps`"."""
+    found = []
+    for name in (argument.partition("=")[0] for argument in given if argument.startswith("-")):
+        field = short.get(name, name).rpartition(".")[2].lstrip("-").replace("-", "_")
+        if field != "config" and re.search(rf"\b{re.escape(field)}\b", message):
+            found.append(name)
+    return found
 
 
 def option(field: str) -> str:
