@@ -1,14 +1,16 @@
 # Makes every shipped weight: `make weights DATA=FOLDER` from the project's folder, or one part, such as `weights-propnet`.
-# DATA is a folder with frames/ (training frames) and real/ (proposals_train.npz and truth_train.json.gz).
+# DATA is a folder with frames/ (`nsdr data frames … -o DATA/frames`) and motion/ (`nsdr data motion CLEVRER -o DATA/motion`).
 # What is finished is not made again; the same command resumes what was killed. The folder of each part's runs, and the weights
 # as they ship, are written below WEIGHTS. STEPS=2 tries all commands with two steps each.
 NSDR ?= nsdr
-DATA ?= ../shared/data
+DATA ?= data
+PROPOSALS ?= $(DATA)/motion/proposals.npz
+TRUTH ?= $(DATA)/motion/truth.json.gz
 WEIGHTS ?= runs/weights
 STEPS ?=
 
 TRY := $(if $(STEPS),--loop.steps $(STEPS) --loop.warmup-steps 0)
-MOTION := --proposals $(DATA)/real/proposals_train.npz --truth $(DATA)/real/truth_train.json.gz
+MOTION := --proposals $(PROPOSALS) --truth $(TRUTH)
 FRAMES := --frames $(DATA)/frames
 run = $(NSDR) train $(1) --config configs/$(2).yaml --run-dir $(WEIGHTS)/$(3) $(4) $(TRY)
 

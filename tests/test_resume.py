@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError
+from nsdr import DataError, Pipeline, QuestionParser
+from nsdr.cli.main import main
 from nsdr.training import question_parser
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train
 
@@ -106,3 +107,24 @@ def test_the_commands_short_options_lengthen_a_run(tmp_path) -> None:
     few[3] = "0.02"
     with pytest.raises(DataError, match=r"loop\.learning_rate: 0\.01 before, 0\.02 now"):
         question_parser.main([*few, "--steps", "4", "--device", "cpu"])
+
+
+def test_the_command_says_how_to_use_the_weights(tmp_path, capsys) -> None:
+    few = [
+        "--model.embedding",
+        "8",
+        "--model.hidden",
+        "16",
+        "--evaluation_texts",
+        "2",
+        "--batch-size",
+        "2",
+        "--device",
+        "cpu",
+    ]
+    assert main(["train", "question-parser", "--run_dir", str(tmp_path / "run"), "--steps", "1", *few]) == 0
+    folder, use = capsys.readouterr().out.splitlines()
+    assert f'--checkpoint {folder}, or Pipeline.from_pretrained("{folder}")' in use
+    with pytest.warns(UserWarning, match="has no frame_parser, dynamics; the shipped ones are used"):
+        pipeline = Pipeline.from_pretrained(folder, device="cpu")
+    assert isinstance(pipeline.question_parser, QuestionParser)  # and not the grammar

@@ -49,12 +49,12 @@ def test_the_recipes_make_every_shipped_weight(tiny_frames, tiny_motion, tmp_pat
     root = Path(__file__).parent.parent
     monkeypatch.chdir(root)
     data, weights = tmp_path / "data", tmp_path / "weights"
-    (data / "real").mkdir(parents=True)
+    (data / "motion").mkdir(parents=True)
     shutil.copytree(tiny_frames, data / "frames")
     annotations = data / "frames" / "annotations_0.jsonl"
     annotations.write_text(annotations.read_text() * 2)  # a batch of the recipe has 8 frames
-    for path, name in zip(tiny_motion, ("proposals_train.npz", "truth_train.json.gz"), strict=True):
-        shutil.copy(path, data / "real" / name)
+    for path, name in zip(tiny_motion, ("proposals.npz", "truth.json.gz"), strict=True):
+        shutil.copy(path, data / "motion" / name)
     make = ["make", "-s", "-n", "-f", "configs/weights.mk", f"DATA={data}", f"WEIGHTS={weights}", "STEPS=2"]
     commands = subprocess.run(make, check=True, capture_output=True, text=True).stdout.splitlines()
     for command in commands:
@@ -70,3 +70,21 @@ def test_the_recipes_make_every_shipped_weight(tiny_frames, tiny_motion, tmp_pat
     assert (card["training"]["initial"], card["training"]["loop"]["seed"]) == ("checkpoint", 1)
     again = subprocess.run(make, check=True, capture_output=True, text=True).stdout
     assert not [line for line in again.splitlines() if not line.startswith("make")]
+
+
+def test_trainings_name_only_data_that_their_comments_say_how_to_make() -> None:
+    root = Path(__file__).parent.parent / "configs"
+    files = [f for part in ("frame_parser", "dynamics", "baselines") for f in sorted((root / part).glob("*.yaml"))]
+    for file in files:
+        comment, settings = [], []
+        for line in file.read_text().splitlines():
+            (comment if line.startswith("#") else settings).append(line)
+        named = [
+            line.split(": ")[1]
+            for line in settings
+            if line.startswith(("frames: ", "proposals: ", "data: ", "features: "))
+        ]
+        for path in named:
+            assert not path.startswith((".", "/")), f"{file}: {path}"
+            made = path if "." not in Path(path).name else str(Path(path).parent)
+            assert f"-o {made}" in "\n".join(comment), f"{file}: {path}"

@@ -20,13 +20,21 @@ def train(arguments: list[str]) -> int:
     """Train a part from its command-line arguments."""
     part, *rest = arguments or ["nothing"]
     if part in HELP:
-        usage = "nsdr train PART [--config configs/….yaml] [--field value] … [--device auto|cpu|cuda|cuda:N]"
-        print_parts(usage, PARTS, "nsdr train PART --help shows the fields; --device is short for --loop.device.")
+        usage = (
+            "nsdr train PART [--config configs/….yaml] [--steps N] [--batch-size N] [--lr RATE] [--device cpu|cuda] …"
+        )
+        more = "nsdr train PART --help shows the options. The same command resumes a run; with more --steps it makes it longer."
+        print_parts(usage, PARTS, more)
         return 0
     if part not in PARTS:
         raise DataError(f"nsdr train: expected one of {', '.join(PARTS)}, got {part!r}")
     logging.getLogger("nsdr").setLevel(logging.INFO)
-    print(import_module(f"nsdr.training.{PARTS[part][0]}").main(rest))
+    folder = import_module(f"nsdr.training.{PARTS[part][0]}").main(rest)
+    print(folder)
+    use = f'--checkpoint {folder}, or Pipeline.from_pretrained("{folder}"), which take other parts from the shipped weights'
+    if part == "baseline":
+        use = f'nsdr answer VIDEO -q "…" --system {folder}'
+    print(f"To use these weights: {use}")
     return 0
 
 
