@@ -184,7 +184,8 @@ def test_missing_arguments_are_named_as_the_help_names_them(capsys, arguments, n
 
 def test_parse_video_writes_scene_and_proposals(capsys, tmp_path) -> None:
     scene, proposals = (tmp_path / name for name in ("scene.json", "proposals.json"))
-    code, out, _ = run(capsys, "parse", VIDEO, "-o", scene, "--proposals-out", proposals)
+    nobody = "question_parser=http://127.0.0.1:9/v1"  # is not needed, as nothing is asked
+    code, out, _ = run(capsys, "parse", VIDEO, "-o", scene, "--proposals-out", proposals, "--set", nobody)
     assert code == 0
     assert "6 objects" in out
     assert "purple metal cube enters (frame " in out
@@ -192,11 +193,17 @@ def test_parse_video_writes_scene_and_proposals(capsys, tmp_path) -> None:
     assert len(saved.objects) == 6
     assert saved.dynamics is not None
     assert sorted(saved.dynamics.counterfactual) == list(range(6))
+    assert saved.dynamics.observed.speed_world_per_s is not None
+    assert all(r.yaw is None and r.speed_world_per_s is None for r in saved.dynamics.counterfactual.values())
     document = json.loads(proposals.read_text())
     assert document["video_index"] == 500002
     assert len(document["frames"]) == 128
     code, out, _ = run(capsys, "program", "objects count", "--run", scene)
     assert (code, out) == (0, "6 (>99 %)\n")
+    code, out, _ = run(capsys, "parse", proposals, "-o", tmp_path / "again", "--workers", "1")
+    assert (code, out) == (0, f"{tmp_path / 'again'}: 1 done, 0 kept from before, 0 failed\n")
+    (file,) = (tmp_path / "again").glob("scene_*.json")
+    assert len(load(file, Scene).objects) == 6
 
 
 def test_parse_question(capsys) -> None:
@@ -270,6 +277,17 @@ def _truth(folder):
         (["program", "objects count", "--run", QUESTIONS], "nothing that"),
         (["program", "objects boggle", "--run", TRUTH], "unknown module or word 'boggle'"),
         (["parse", VIDEO, "-o", "scene.txt"], "expected a name ending in .json"),
+        (["parse", "nowhere", "-o", "out"], "nowhere: no such file or folder"),
+        (["parse", VIDEO, "-o", "scene.json", "--workers", "2"], "--workers would do nothing for one video"),
+        (
+            ["parse", VIDEO, "-o", "scene.json", "--form", "predictions"],
+            "--form predictions is of mask proposals, and ",
+        ),
+        (["parse", VIDEO.parent, "-o", "out", "--proposals-out", "p.json"], "--proposals-out would do nothing: "),
+        (["parse", "x.npz", "-o", "out"], "x.npz: no such file or folder"),
+        (["program", "How many collisions happen?", "--trace"], "--trace would do nothing without --run"),
+        (["program", "objects count", "--run", TRUTH, "--extensions"], "--extensions would do nothing with --run"),
+        (["data", "everything"], "unknown command 'data everything'; expected one of data verify, data download"),
         (["train", "everything"], "expected one of frame-parser, dynamics, collisions, question-parser"),
         (["train", "dynamics", "--config", "none.yaml"], "none.yaml"),
         (["evaluate", "--questions", "none.json", "--source", "videos", "--data", "."], "none.json: no such file"),
@@ -316,3 +334,22 @@ def test_demo(capsys, tmp_path) -> None:
         assert f"[{kind}]" in out
     assert "of 10 answers equal the ground truth" in out
     assert (tmp_path / "demo.png").stat().st_size > 10_000
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such terminals")
+def test_a_terminal_shows_what_is_done_from_the_start(tmp_path) -> None:
+    import os
+    import pty
+
+    ours, theirs = pty.openpty()
+    code = "import sys; from nsdr.cli import run; sys.exit(run())"
+    command = [sys.executable, "-c", code, "parse", str(VIDEO), "-o", str(tmp_path / "scene.json")]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs) as process:
+        os.close(theirs)
+        shown = b""
+        while b"explaining the motion" not in shown and (more := os.read(ours, 4096)):
+            shown += more
+        process.kill()
+    os.close(ours)
+    stages = [b"loading the networks", b"looking for objects", b"explaining the motion"]
+    assert sorted(stages, key=shown.index) == stages
