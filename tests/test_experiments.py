@@ -127,3 +127,6 @@ def test_the_docs_show_the_tables_as_they_were_measured() -> None:
 def test_the_shipped_experiments_are_readable(path: Path) -> None:
     _, rows = read_experiment(path)
     assert len({row.name for row in rows}) == len(rows)
+    for row in rows:
+        if row.evaluation is not None:
+            row.evaluation.pipeline()  # raises an error if a row names no backend
