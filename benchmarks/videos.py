@@ -26,7 +26,8 @@ import numpy as np
 
 from benchmarks.shared import collision_frames, parser_of, table
 from benchmarks.video_kinds import ALTERED, ENCODED, FOREIGN, RATES, Frames, at_rate, write
-from nsdr import Pipeline, PipelineConfig, Scene, VideoConfig, VideoError
+from nsdr import Pipeline, PipelineConfig, Scene, VideoError
+from nsdr.frame_parser import VideoConfig
 from nsdr.frame_parser.check import ground
 from nsdr.frame_parser.check.reasons import SPACING_FRAMES, edge_width_px
 from nsdr.frame_parser.check.shots import MIN_CHANGE, SAME_SHARE, change, is_cut, small_gray

@@ -1,23 +1,19 @@
-from .claims import (
-    Claim as Claim,
-    Verification as Verification,
-    narrate as narrate,
-    verify as verify,
-)
+from .claims.narration import narrate as narrate
+from .claims.verification import verify as verify
 from .clevrer.dataset import CLEVRER as CLEVRER
+from .datasets import VideoDataset as VideoDataset
 from .dynamics.base import Dynamics as Dynamics, Explanation as Explanation
-from .dynamics.motion_states import MotionStates as MotionStates, states_from_tracks as states_from_tracks
 from .dynamics.physics.predictor import PhysicsPredictor as PhysicsPredictor
-from .dynamics.propnet.patch_model import PatchPropNet as PatchPropNet
-from .dynamics.propnet.patch_predictor import PatchPropNetPredictor as PatchPropNetPredictor
-from .dynamics.propnet.state_model import PropNet as PropNet
+from .dynamics.propnet.patch_predictor import (
+    ImagePropNetPredictor as ImagePropNetPredictor,
+    PatchPropNetPredictor as PatchPropNetPredictor,
+)
 from .dynamics.propnet.state_predictor import PropNetPredictor as PropNetPredictor
-from .dynamics.registry import BackendConfig as BackendConfig, load_backend as load_backend
+from .dynamics.registry import load_backend as load_backend
 from .errors import (
     CheckpointError as CheckpointError,
     DataError as DataError,
     ExecutionError as ExecutionError,
-    MachineError as MachineError,
     NsdrError as NsdrError,
     ProgramError as ProgramError,
     QuestionError as QuestionError,
@@ -25,35 +21,23 @@ from .errors import (
 )
 from .evaluation.report import Report as Report
 from .evaluation.runner import evaluate as evaluate
-from .frame_parser.check.video import VideoConfig as VideoConfig
 from .frame_parser.dataset import FrameDataset as FrameDataset
-from .frame_parser.model import build_frame_parser as build_frame_parser
 from .frame_parser.parser import FrameParser as FrameParser
+from .generate.dataset import generate_dataset as generate_dataset
 from .io.storage import load as load, save as save
-from .pipeline import (
-    Perception as Perception,
-    Pipeline as Pipeline,
-    PipelineConfig as PipelineConfig,
-    judge as judge,
-)
+from .io.video import read_video as read_video, write_video as write_video
+from .perception import Perception as Perception
+from .pipeline import Pipeline as Pipeline, judge as judge
+from .pipeline_config import PipelineConfig as PipelineConfig
 from .question_parser.grammar import GrammarParser as GrammarParser
-from .question_parser.model import ParserNetwork as ParserNetwork
 from .question_parser.network import QuestionParser as QuestionParser
-from .symbolic import (
-    Executor as Executor,
-    Program as Program,
-    format_trace as format_trace,
-    format_tree as format_tree,
-)
-from .tracking.tracker import TrackerConfig as TrackerConfig, track as track
+from .symbolic import Executor as Executor, OfficialExecutor as OfficialExecutor, Program as Program
+from .tracking.tracker import track as track
 from .types import (
     Add as Add,
     Answer as Answer,
     Camera as Camera,
-    ChoiceAnswer as ChoiceAnswer,
-    DynamicsPrediction as DynamicsPrediction,
     Event as Event,
-    EventChange as EventChange,
     Freeze as Freeze,
     Judgement as Judgement,
     Move as Move,
@@ -64,12 +48,9 @@ from .types import (
     SetMass as SetMass,
     SetVelocity as SetVelocity,
     Simulation as Simulation,
-    TraceStep as TraceStep,
     Track as Track,
-    UncertainEvent as UncertainEvent,
     VideoProposals as VideoProposals,
     VideoTracks as VideoTracks,
-    Violation as Violation,
 )
 
 __version__: str

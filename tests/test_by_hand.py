@@ -93,7 +93,7 @@ def test_a_printed_pipeline_names_its_parts_and_what_is_special_about_them() -> 
         def __init__(self, gate: float = 0.5, backend: object = None) -> None:
             self.gate, self.backend = gate, backend
 
-    video = nsdr.VideoConfig(check="warn")
+    video = nsdr.frame_parser.VideoConfig(check="warn")
     pipeline = nsdr.Pipeline(Mine(0.25), SimpleNamespace(), nsdr.GrammarParser(extensions=True), video=video)  # type: ignore[arg-type]
     assert repr(pipeline) == (
         "Pipeline(frame_parser=Mine(gate=0.25), dynamics=SimpleNamespace(), "
@@ -418,4 +418,4 @@ class Stands:
         total = horizon_frame(states.n_frames) + 1
         location = np.repeat(states.location_world[:, :1], total, 1)
         rollout = nsdr.Rollout(location, np.ones(location.shape[:2], bool), ())
-        return StoredExplanation(nsdr.DynamicsPrediction(states.objects, states.n_frames, rollout))
+        return StoredExplanation(nsdr.types.DynamicsPrediction(states.objects, states.n_frames, rollout))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import nsdr.clevrer
-from nsdr import DataError, DynamicsPrediction, Event, Rollout, SceneObject
+from nsdr import DataError, Event, Rollout, SceneObject
 from nsdr.clevrer.example import QUESTIONS
 from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.proposals import proposals_document, proposals_from_rows, read_proposals
@@ -20,6 +20,7 @@ from nsdr.clevrer.files.scenes import (
     scene_from_ground_truth,
 )
 from nsdr.dynamics.scene import scene_from_prediction
+from nsdr.types import DynamicsPrediction
 from nsdr.types.events import collisions_in_view, enter_exit_events
 from nsdr.world import camera
 from nsdr.world.vocabulary import attribute_index, attributes_of
@@ -173,7 +174,8 @@ def test_questions_of_the_example() -> None:
 
 
 def test_every_public_name_is_exported_by_the_package() -> None:
-    from nsdr.clevrer import CLEVRER, download, read_annotation
+    from nsdr import CLEVRER
+    from nsdr.clevrer import download, read_annotation
 
     assert callable(download)
     assert read_annotation.__module__ == "nsdr.clevrer.files.annotations"

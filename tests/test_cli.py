@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from nsdr import Scene, UncertainEvent, load, save
+from nsdr import Scene, load, save
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.cli.main import main
+from nsdr.types import UncertainEvent
 
 
 def run(capsys, *arguments: object) -> tuple[int, str, str]:

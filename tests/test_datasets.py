@@ -11,9 +11,9 @@ import torch
 from torch.utils.data import DataLoader
 
 import nsdr.clevrer.example
-from nsdr import CLEVRER, DataError
+from nsdr import CLEVRER, DataError, VideoDataset
 from nsdr.clevrer import scene_from_annotation
-from nsdr.datasets import NEAREST, STATE, VideoDataset, _resized
+from nsdr.datasets import NEAREST, STATE, _resized
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.geometry import Solid, instance_ids, optical_flow

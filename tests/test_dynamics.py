@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError, DynamicsPrediction, Event, Explanation, PropNetPredictor, Rollout
+from nsdr import DataError, Event, Explanation, PropNetPredictor, Rollout
 from nsdr.clevrer.files.annotations import read_truth
 from nsdr.dynamics import StoredExplanation
 from nsdr.dynamics.metrics import collision_scores, rollout_errors
@@ -19,7 +19,7 @@ from nsdr.dynamics.track_smoothing import frames_in_image, smooth_tracks
 from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
-from nsdr.types import SceneObject, Track, VideoTracks
+from nsdr.types import DynamicsPrediction, SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS, horizon_frame
 

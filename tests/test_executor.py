@@ -10,9 +10,10 @@ from hypothesis import given, settings, strategies as st
 
 import nsdr.clevrer
 import nsdr.symbolic
-from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObject, format_trace, format_tree
+from nsdr import Event, ExecutionError, Executor, ProgramError, Scene, SceneObject
 from nsdr.clevrer.example import QUESTIONS
 from nsdr.clevrer.files.questions import read_questions
+from nsdr.symbolic import format_trace, format_tree
 from nsdr.symbolic.causal import ancestor_sets, causal_path, direct_causes
 from nsdr.symbolic.probabilities import SIMULATED_DOUBT
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES

@@ -10,7 +10,6 @@ from nsdr import (
     Add,
     Camera,
     DataError,
-    DynamicsPrediction,
     Event,
     Explanation,
     Freeze,
@@ -20,9 +19,9 @@ from nsdr import (
     SceneObject,
     SetMass,
     VideoTracks,
-    states_from_tracks,
 )
-from nsdr.dynamics import StoredExplanation, simulate
+from nsdr.dynamics import StoredExplanation, simulate, states_from_tracks
+from nsdr.types import DynamicsPrediction
 from nsdr.types.interventions import Intervention
 
 OBJECTS = (SceneObject(0, "red", "metal", "sphere"), SceneObject(1, "blue", "rubber", "cube"))

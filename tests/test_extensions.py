@@ -8,17 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nsdr import (
-    DataError,
-    Event,
-    ExecutionError,
-    Executor,
-    QuestionError,
-    Scene,
-    SetMass,
-    SetVelocity,
-    states_from_tracks,
-)
+from nsdr import DataError, Event, ExecutionError, Executor, QuestionError, Scene, SetMass, SetVelocity
 from nsdr.baselines import tag_options
 from nsdr.claims.narration import narrate
 from nsdr.claims.verification import verify
@@ -28,6 +18,7 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.questions import Choice, read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
+from nsdr.dynamics import states_from_tracks
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.physics.solver import log_mass_covariance
 from nsdr.dynamics.physics.trajectory_fit import _Problem, fit_trajectories

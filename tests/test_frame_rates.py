@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import DataError, FrameParser, TrackerConfig, VideoProposals
+from nsdr import DataError, FrameParser, VideoProposals
 from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.proposals import proposals_document, proposals_from_rows, read_proposals
 from nsdr.dynamics.motion_states import detections_in, states_from_tracks
@@ -14,6 +14,7 @@ from nsdr.dynamics.track_smoothing import smooth_tracks
 from nsdr.frame_parser import FrameParserConfig, build_frame_parser
 from nsdr.io.files import write_json
 from nsdr.io.video import read_frames
+from nsdr.tracking import TrackerConfig
 from nsdr.tracking.localization import outline
 from nsdr.tracking.speeds import speed_notes
 from nsdr.tracking.tracker import track

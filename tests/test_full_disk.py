@@ -20,10 +20,11 @@ import pytest
 import torch
 from safetensors.numpy import save_file
 
-from nsdr import DataError, MachineError, Scene, load, save
+from nsdr import DataError, Scene, load, save
 from nsdr.baselines.features.files import MANIFEST, FeatureCache, feature_file
 from nsdr.clevrer.example import QUESTIONS, TRUTH, VIDEO
 from nsdr.cli.main import main
+from nsdr.errors import MachineError
 from nsdr.evaluation import runner
 from nsdr.evaluation.experiments import run_experiment
 from nsdr.frame_parser.dataset import FrameDataset

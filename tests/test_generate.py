@@ -11,12 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from nsdr import DataError
+from nsdr import DataError, VideoDataset
 from nsdr.baselines.features.extraction import frames_of
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.scenes import iterate_scenes, scene_from_annotation, scene_from_truth
 from nsdr.cli.main import main
-from nsdr.datasets import VideoDataset
 from nsdr.generate import dataset
 from nsdr.generate.dataset import LARGEST_SEED, DatasetConfig, Files, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletConfig, Contact, Simulator

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nsdr import DataError, FrameParser, Pipeline, VideoConfig, VideoError, VideoProposals
+from nsdr import DataError, FrameParser, Pipeline, VideoError, VideoProposals
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.dynamics.sliding import slide
-from nsdr.frame_parser import FrameParserConfig, build_frame_parser
+from nsdr.frame_parser import FrameParserConfig, VideoConfig, build_frame_parser
 from nsdr.frame_parser.check.video import clip_frames
 from nsdr.io.decoding import find_videos
 from nsdr.io.fingerprint import fingerprint

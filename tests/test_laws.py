@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from nsdr.clevrer import CLEVRER, read_proposals, read_questions
+from nsdr import CLEVRER
+from nsdr.clevrer import read_proposals, read_questions
 from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.cli.main import main

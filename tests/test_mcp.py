@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from mcp import Client, StdioServerParameters, stdio_client
 
-from nsdr import DataError, DynamicsPrediction, Event, Pipeline, Remove
+from nsdr import DataError, Event, Pipeline, Remove
 from nsdr.apps.mcp import AgentTools, Change, make_server
 from nsdr.cli.main import main
 from nsdr.dynamics import StoredExplanation, simulate
 from nsdr.pipeline import Perception
-from nsdr.types import Rollout
+from nsdr.types import DynamicsPrediction, Rollout
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 NEXT = "What will happen next?"

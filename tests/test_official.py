@@ -7,17 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsdr import (
-    DataError,
-    DynamicsPrediction,
-    Event,
-    ExecutionError,
-    Executor,
-    Rollout,
-    SceneObject,
-    format_trace,
-    states_from_tracks,
-)
+from nsdr import DataError, Event, ExecutionError, Executor, Rollout, SceneObject
 from nsdr.clevrer.example import TRUTH
 from nsdr.clevrer.files.predictions import (
     PredictionFile,
@@ -27,8 +17,10 @@ from nsdr.clevrer.files.predictions import (
 )
 from nsdr.clevrer.velocity_rule import sampled_velocity, velocity_collisions
 from nsdr.cli.main import main
+from nsdr.dynamics import states_from_tracks
 from nsdr.io.files import write_json
-from nsdr.symbolic import OfficialExecutor
+from nsdr.symbolic import OfficialExecutor, format_trace
+from nsdr.types import DynamicsPrediction
 from nsdr.validation import convert
 
 from .test_dynamics import SMALL, _Script, tracks

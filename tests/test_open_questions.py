@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsdr import Event, ExecutionError, Executor, GrammarParser, QuestionError, Rollout, Scene, UncertainEvent
-from nsdr.claims import narrate, verify
+from nsdr import Event, ExecutionError, Executor, GrammarParser, QuestionError, Rollout, Scene, narrate, verify
 from nsdr.dynamics.physics.simulated_view import uncertain_borders
 from nsdr.dynamics.scene import events_of, scene_from_prediction
 from nsdr.language.texts import in_words
 from nsdr.question_parser.base import read_programs
-from nsdr.types import DynamicsPrediction
+from nsdr.types import DynamicsPrediction, UncertainEvent
 
 PARSER = GrammarParser()
 COLLIDE, EXITS, ENTERS = "The red cube hits the blue ball", "The green tube leaves", "The green tube enters"

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from nsdr import CheckpointError, DataError, MachineError
+from nsdr import CheckpointError, DataError
+from nsdr.errors import MachineError
 from nsdr.io import tasks
 from nsdr.io.tasks import run_tasks
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from nsdr import CheckpointError, DataError, DynamicsPrediction, Event, PropNetPredictor, Remove, states_from_tracks
+from nsdr import CheckpointError, DataError, Event, PropNetPredictor, Remove
+from nsdr.dynamics import states_from_tracks
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
 from nsdr.dynamics.physics.body_state import POSITION, VELOCITY, YAW
@@ -23,7 +24,7 @@ from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
 from nsdr.dynamics.registry import BackendConfig, backend_settings, load_backend, weights_folder
 from nsdr.dynamics.velocity_events import VelocityEvents, collisions_from_motion
 from nsdr.io.checkpoint import find_checkpoint
-from nsdr.types import Rollout, SceneObject, Track, VideoTracks
+from nsdr.types import DynamicsPrediction, Rollout, SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import SHAPES

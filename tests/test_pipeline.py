@@ -9,7 +9,6 @@ import pytest
 
 from nsdr import (
     DataError,
-    DynamicsPrediction,
     ExecutionError,
     Pipeline,
     Program,
@@ -18,7 +17,6 @@ from nsdr import (
     Rollout,
     Scene,
     SetMass,
-    VideoConfig,
     VideoError,
     VideoProposals,
     load,
@@ -28,9 +26,11 @@ from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.cli.simulate import _report as report_lines
 from nsdr.dynamics import StoredExplanation
+from nsdr.frame_parser import VideoConfig
 from nsdr.frame_parser.check.video import VideoCheck
 from nsdr.io.video import read_video, write_video
 from nsdr.pipeline import Perception
+from nsdr.types import DynamicsPrediction
 
 
 @pytest.fixture(scope="module")

@@ -77,7 +77,9 @@ def _physics() -> Any:
 
 
 def _propnet() -> Any:
-    made = nsdr.PropNetPredictor.from_pretrained(device="cpu").explain(nsdr.states_from_tracks(_perception().tracks))
+    made = nsdr.PropNetPredictor.from_pretrained(device="cpu").explain(
+        nsdr.dynamics.states_from_tracks(_perception().tracks)
+    )
     return [_events(made.observed.collisions), _places(made.observed.location_world, (0, 60, 120))]
 
 

@@ -13,7 +13,8 @@ import torch
 from threadpoolctl import ThreadpoolController
 from torch.nn.modules.module import register_module_forward_pre_hook
 
-from nsdr import PatchPropNetPredictor, PropNetPredictor, QuestionParser, states_from_tracks
+from nsdr import PatchPropNetPredictor, PropNetPredictor, QuestionParser
+from nsdr.dynamics import states_from_tracks
 from nsdr.dynamics.physics import trajectory_fit
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.frame_parser.parser import FrameParser

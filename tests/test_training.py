@@ -14,8 +14,9 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from nsdr import DataError, FrameParser, MachineError, PropNetPredictor, QuestionParser
+from nsdr import DataError, FrameParser, PropNetPredictor, QuestionParser
 from nsdr.dynamics.propnet.patch_predictor import PatchPropNetPredictor
+from nsdr.errors import MachineError
 from nsdr.io.checkpoint import save_checkpoint
 from nsdr.io.device import CPU_CHECK
 from nsdr.training import dynamics, frame_parser, question_parser

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsdr import DataError, DynamicsPrediction, Event, Rollout, Scene, SceneObject, VideoProposals, load, save
+from nsdr import DataError, Event, Rollout, Scene, SceneObject, VideoProposals, load, save
 from nsdr.tracking.tracker import track
-from nsdr.types import VideoTracks
+from nsdr.types import DynamicsPrediction, VideoTracks
 
 
 def proposals(n: int = 20) -> VideoProposals:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsdr import DataError, Event, ExecutionError, Executor, Scene, UncertainEvent, load, narrate, save
+from nsdr import DataError, Event, ExecutionError, Executor, Scene, load, narrate, save
 from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions
 from nsdr.dynamics.scene import scene_from_prediction
@@ -18,7 +18,7 @@ from nsdr.symbolic import probabilities
 from nsdr.symbolic.probabilities import SIMULATED_DOUBT
 from nsdr.symbolic.uncertainty import N_DRAWS, possible_scenes
 from nsdr.tracking.tracker import existence
-from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, SceneObject, Track, VideoTracks
+from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, SceneObject, Track, UncertainEvent, VideoTracks
 from nsdr.types.answers import ChoiceAnswer, format_probability
 from nsdr.types.events import enter_exit_events
 

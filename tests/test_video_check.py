@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from nsdr import DataError, VideoConfig, VideoError
+from nsdr import DataError, VideoError
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
+from nsdr.frame_parser import VideoConfig
 from nsdr.frame_parser.check.ground import CELL_COLUMNS, CELL_ROWS, fit_ground, read_background, references
 from nsdr.frame_parser.check.layout import content_box
 from nsdr.frame_parser.check.reasons import camera_motion, marked_px

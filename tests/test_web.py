@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsdr import DataError, Event, Executor, QuestionError, Scene, VideoConfig, VideoError
+from nsdr import DataError, Event, Executor, QuestionError, Scene, VideoError
 from nsdr.apps import menus, web
 from nsdr.apps.clips import KEPT_CLIPS, Clip, Clips
 from nsdr.apps.guard import Guard, delete_upload
@@ -24,6 +24,7 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.proposals import proposals_from_rows
 from nsdr.cli import serve
 from nsdr.cli.main import main
+from nsdr.frame_parser import VideoConfig
 from nsdr.io.video import video_seconds, write_video
 from nsdr.pipeline import Perception
 from nsdr.question_parser.grammar import GrammarParser

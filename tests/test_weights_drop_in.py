@@ -20,7 +20,6 @@ from nsdr import (
     Pipeline,
     PropNetPredictor,
     QuestionParser,
-    TrackerConfig,
     load_backend,
 )
 from nsdr.clevrer.example import VIDEO
@@ -28,6 +27,7 @@ from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.velocity_events import VelocityEvents
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.pipeline import Perception
+from nsdr.tracking import TrackerConfig
 
 
 @pytest.fixture(scope="module")

@@ -1,2 +1,1 @@
-from .narration import narrate as narrate
-from .verification import Claim as Claim, Verification as Verification, verify as verify
+from .verification import Claim as Claim, Verification as Verification

@@ -22,7 +22,6 @@ from .answers.responses import (
 )
 from .compact_files import write_compact_files as write_compact_files
 from .dataset import (
-    CLEVRER as CLEVRER,
     KINDS as KINDS,
     SPLITS as SPLITS,
     Inventory as Inventory,

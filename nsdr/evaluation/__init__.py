@@ -3,8 +3,7 @@
 from nsdr.evaluation.batch import judge_videos, parse_videos, predict_dynamics
 from nsdr.evaluation.experiments import run_experiment
 from nsdr.evaluation.measures import accuracy_interval, calibration, wilson_interval
-from nsdr.evaluation.report import Report
-from nsdr.evaluation.runner import evaluate, run_evaluation
+from nsdr.evaluation.runner import run_evaluation
 from nsdr.evaluation.settings import EvaluationConfig
 from nsdr.evaluation.sources import SOURCES, PerceptionInput, SceneSource
 
@@ -12,11 +11,9 @@ __all__ = [
     "SOURCES",
     "EvaluationConfig",
     "PerceptionInput",
-    "Report",
     "SceneSource",
     "accuracy_interval",
     "calibration",
-    "evaluate",
     "judge_videos",
     "parse_videos",
     "predict_dynamics",

@@ -6,7 +6,6 @@ from .check.video import (
 )
 from .dataset import (
     AugmentConfig as AugmentConfig,
-    FrameDataset as FrameDataset,
     augment as augment,
     collate as collate,
     image_tensor as image_tensor,
@@ -17,7 +16,6 @@ from .model import (
     FrameParserNetwork as FrameParserNetwork,
     build_frame_parser as build_frame_parser,
 )
-from .parser import FrameParser as FrameParser
 from .training_frames import write_frames as write_frames
 
 VERSION: int

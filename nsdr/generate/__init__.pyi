@@ -1,4 +1,4 @@
-from .dataset import DatasetConfig as DatasetConfig, generate_dataset as generate_dataset
+from .dataset import DatasetConfig as DatasetConfig
 from .physics.bullet import BulletConfig as BulletConfig, Simulator as Simulator
 from .physics.scene import SimulatedScene as SimulatedScene, simulate_scene as simulate_scene
 from .physics.scene_config import SceneConfig as SceneConfig

@@ -1,9 +1,8 @@
 from .base import Parser as Parser
-from .grammar import GrammarParser as GrammarParser
 from .language_model import LanguageModelParser as LanguageModelParser
 from .loading import load_parser as load_parser
 from .model import ParserNetwork as ParserNetwork, QuestionParserConfig as QuestionParserConfig
-from .network import QuestionParser as QuestionParser, build_networks as build_networks, pad as pad
+from .network import build_networks as build_networks, pad as pad
 from .tokenizer import PROGRAM_TOKENS as PROGRAM_TOKENS, Tokenizer as Tokenizer
 
 VERSION: int

@@ -45,7 +45,7 @@ def _evidence(scene: Any) -> Any:
 
 
 def _videos(**changes: Any) -> Any:
-    from nsdr.datasets import VideoDataset
+    from nsdr import VideoDataset
 
     values = {"root": "dataset", "split": "validation", "length": 4, "images": False, "image_size": (32, 48)} | changes
     return VideoDataset(**values)[0]
