@@ -556,7 +556,7 @@ def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
     with pytest.raises(DataError, match="25000 are too many for train"):
         DatasetConfig(str(tmp_path), 50000).indices()
     assert main(["generate", "film"]) == 2
-    assert "expected one of dataset" in capsys.readouterr().err
+    assert "expected one of generate dataset" in capsys.readouterr().err
 
 
 def test_scene_command_writes_a_truth_file(tmp_path, capsys) -> None:
