@@ -38,9 +38,9 @@ def main() -> None:
     axis = figure.subplots()
     step, x = 0.11, np.arange(len(TYPES))
     for k, (name, values) in enumerate(PUBLISHED.items()):
-        axis.plot(x + (k - 3) * step, values, "o", label=name, color=matplotlib.colormaps["Blues"](0.35 + 0.12 * k))
+        axis.plot(x + (k - 3) * step, values, "o", label=f"{name} (test)", color=matplotlib.colormaps["Blues"](0.35 + 0.12 * k))
     error = np.abs(ends.T - ours)
-    axis.errorbar(x + 3 * step, ours, error, fmt="D", capsize=3, label="nsdr", color="darkorange")
+    axis.errorbar(x + 3 * step, ours, error, fmt="D", capsize=3, label="nsdr (held-out scenes of train)", color="darkorange")
     for at, value in zip(x + 3 * step, ours, strict=True):
         axis.text(at + 0.05, value, f"{value:.1f}", va="center", fontsize=9)
     axis.set_xticks(x, TYPES)
@@ -48,7 +48,8 @@ def main() -> None:
     axis.set_ylabel("right, per question (%)")
     axis.grid(axis="y", alpha=0.3)
     axis.spines[["top", "right"]].set_visible(False)
-    axis.legend(ncols=4, fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.1), frameon=False)
+    legend = {"ncols": 4, "fontsize": 7.5, "loc": "upper center", "bbox_to_anchor": (0.5, -0.1), "frameon": False}
+    axis.legend(title="system (split of CLEVRER on which it was scored)", title_fontsize=7.5, **legend)
     figure.tight_layout()
     figure.savefig(options.output, dpi=130)
 
