@@ -18,7 +18,10 @@ from nsdr.cli.main import main
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 CODE = sorted((ROOT / "nsdr").rglob("*.py"))
-EXAMPLES = ("README.md", "docs/quickstart.md", "docs/interventions.md", "docs/agents.md", "docs/rewards.md")
+EXAMPLES = (
+    "README.md",
+    *(f"docs/{name}.md" for name in ("quickstart", "evaluate", "interventions", "page", "rewards")),
+)
 """Pages whose Python runs as it stands; that of docs/export.md and docs/plugins.md has tests of its own."""
 ANYWHERE = ("--field", "--from", "--help", "--keep-going", "-o")
 """What is in no list of options: a placeholder, and what `generate` and `data features` read before their configuration."""
