@@ -13,7 +13,7 @@ def test_the_docs_have_the_released_numbers_of_the_code() -> None:
     for key, number in RELEASED_QUESTIONS["questions by kind"].items():
         assert f"| {key} | {number:,} |" in page
     released = released_statistics()
-    for name in ("objects", "collisions", "enters", "exits"):
+    for name in ("objects", "collisions"):
         shares = released[name]
         table = page.split(f"### {TITLES[name].capitalize()}\n")[1].split("\n### ")[0]
         rows = [line.strip("| ").split(" | ") for line in table.splitlines() if re.match(r"\| \w", line)]
