@@ -38,9 +38,17 @@ def main() -> None:
     axis = figure.subplots()
     step, x = 0.11, np.arange(len(TYPES))
     for k, (name, values) in enumerate(PUBLISHED.items()):
-        axis.plot(x + (k - 3) * step, values, "o", label=f"{name} (test)", color=matplotlib.colormaps["Blues"](0.35 + 0.12 * k))
+        axis.plot(
+            x + (k - 3) * step,
+            values,
+            "o",
+            label=f"{name} (test)",
+            color=matplotlib.colormaps["Blues"](0.35 + 0.12 * k),
+        )
     error = np.abs(ends.T - ours)
-    axis.errorbar(x + 3 * step, ours, error, fmt="D", capsize=3, label="nsdr (held-out scenes of train)", color="darkorange")
+    axis.errorbar(
+        x + 3 * step, ours, error, fmt="D", capsize=3, label="nsdr (held-out scenes of train)", color="darkorange"
+    )
     for at, value in zip(x + 3 * step, ours, strict=True):
         axis.text(at + 0.05, value, f"{value:.1f}", va="center", fontsize=9)
     axis.set_xticks(x, TYPES)
