@@ -20,7 +20,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 CODE = sorted((ROOT / "nsdr").rglob("*.py"))
 EXAMPLES = (
     "README.md",
-    *(f"docs/{name}.md" for name in ("quickstart", "evaluate", "interventions", "agents", "rewards")),
+    *(f"docs/{name}.md" for name in ("quickstart", "evaluate", "interventions", "page", "rewards", "scoring")),
 )
 """Pages whose Python runs as it stands; that of docs/export.md and docs/plugins.md has tests of its own."""
 ANYWHERE = ("--field", "--from", "--help", "--keep-going", "-o")

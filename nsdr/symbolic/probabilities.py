@@ -37,7 +37,7 @@ from nsdr.types import Scene
 
 SIMULATED_DOUBT = 0.005
 """An answer about what was simulated is never surer than 1 minus this. Of 1,739 options of counterfactual questions about 300
-generated scenes of training that were 99 % sure, 0.46 % (0.23-0.91) were wrong (commands: docs/results_studies.md)."""
+generated scenes of training that were 99 % sure, 0.46 % (0.23-0.91) were wrong (docs/results_studies.md, "Calibration")."""
 MIN_SUPPOSED = 0.05
 """A question whose suppositions are less probable is refused. Of 49 collisions of left-out `train` scenes to which the
 network gives 0.01-0.05 none was true, and 12 of 32 with 0.05-0.2 (`python -m benchmarks.collisions --every 5`)."""
