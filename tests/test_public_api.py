@@ -28,6 +28,7 @@ INTERNAL = {
     "io",
     "language",
     "laws",
+    "perception",
     "pipeline_config",
     "training",
     "validation",
@@ -87,6 +88,7 @@ def _commands() -> Iterator[str]:
             yield f"nsdr {' '.join(words)}"
             heads = re.findall(r"^ {2,4}(-.*?)(?:  |$)", text.getvalue(), flags=re.MULTILINE)
             options = {option for head in heads for option in re.findall(r"(?<![\w.-])--?[a-zA-Z][\w.-]*", head)}
+            options |= set(re.findall(r"(--?[a-z][\w-]*) is short for", text.getvalue()))
             for option in sorted(o for o in options - {"-h", "--help", "--print-config"} if "." not in o):
                 yield f"nsdr {' '.join(words)} {option}"
 
