@@ -235,7 +235,7 @@ def test_a_baseline_trains_by_the_command_line(name: str, scenes, folder, tmp_pa
     config.write_text("\n".join(lines))
     run = ["--run-dir", str(tmp_path / "run"), "--loop.steps", "2", "--loop.batch-size", "8"]
     assert main(["train", "baseline", "--config", str(config), "--device", "cpu", *run]) == 0
-    output = capsys.readouterr().out.strip()
+    output = capsys.readouterr().out.splitlines()[0]
     trained = TrainedBaseline.from_pretrained(output, device="cpu")
     details = json.loads((tmp_path / "run" / "checkpoint" / "baseline.json").read_text())
     assert details["parameters"] == sum(p.numel() for p in trained.network.parameters())
@@ -394,7 +394,7 @@ def test_plain_questions_are_learnt_first(scenes, tmp_path) -> None:
     with pytest.raises(DataError, match="plain_steps: expected fewer than the 1000 steps of the training, got 1000"):
         BaselineTraining("run", "lstm", path, path, plain_steps=1000)
     with pytest.raises(
-        DataError, match=r"plain_steps needs questions of subtype 'plain' and others; .*plain_per_video"
+        DataError, match=r"plain_steps needs questions of subtype 'plain' and others; .*plain-per-video"
     ):
         BaselineTask(config)
     first = scenes[0].questions[0]

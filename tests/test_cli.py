@@ -80,7 +80,7 @@ def test_several_questions_are_answered_from_one_look(capsys) -> None:
     code, out, _ = run(capsys, "answer", TRUTH, cubes, zebras, hits, "--json", "--keep-going")
     found = [json.loads(line) for line in out.splitlines()[:3]]
     assert code == 0
-    assert [row.get("answer") for row in found] == ["2", None, "4"]
+    assert [row.get("answer") for row in found] == [2, None, 4]
     assert found[1]["question"] == zebras
     assert "unknown word 'zebras'" in found[1]["error"]
     _, _, err = run(capsys, "answer", TRUTH, cubes, hits, "-c", "4")

@@ -120,7 +120,7 @@ def test_meaningless_texts_are_rejected(parser: Parser, text: str) -> None:
 
 def test_texts_of_another_kind_are_rejected(parser: Parser) -> None:
     with pytest.raises(QuestionError, match="give choices with it"):
-        parser.parse("What will happen without the cube?")
+        parser.parse("Which of these is responsible for the cube's exit?")
     with pytest.raises(QuestionError, match="ask it without choices"):
         parser.parse("How many collisions happen?", "multiple_choice")
     with pytest.raises(QuestionError, match="is not a choice"):

@@ -29,7 +29,7 @@ def reading(text: str) -> list[str]:
     ],
 )
 def test_answers(small_scene: Scene, text: str, answer: str) -> None:
-    assert Executor(small_scene).answer(reading(text)).answer == answer
+    assert Executor(small_scene).answer(reading(text)).text == answer
 
 
 @pytest.mark.real_data

@@ -33,7 +33,7 @@ def train(arguments: list[str]) -> int:
     print(folder)
     use = f'--checkpoint {folder}, or Pipeline.from_pretrained("{folder}"), which take other parts from the shipped weights'
     if part == "baseline":
-        use = f'nsdr answer VIDEO -q "…" --system {folder}'
+        use = f'nsdr answer VIDEO "…" --system {folder}'
     print(f"To use these weights: {use}")
     return 0
 

@@ -109,8 +109,12 @@ def run_evaluation(config: EvaluationConfig) -> Report:
         EndpointError: the server of the question parser is not there; or it fails, after the scenes were kept.
         MachineError: a full disk, a lost worker or the like, which is no fault of a scene.
     """
+    settings = config.pipeline()
+    if config.videos and settings.dynamics.backend in READ_NO_IMAGES:
+        backend = settings.dynamics.backend
+        raise DataError(f"videos would do nothing: dynamics {backend!r} reads no images; leave it out")
     parser = parser_of(config)  # a server that is not there is found before the work
-    return _evaluate(config, parser, partial(_perceived_by_jobs, config.pipeline()))
+    return _evaluate(config, parser, partial(_perceived_by_jobs, settings))
 
 
 def _evaluate(config: EvaluationConfig, parser: Parser | None, perceived: Perceived) -> Report:
@@ -175,9 +179,6 @@ def _perceived_by_jobs(
     settings: PipelineConfig, config: EvaluationConfig, inputs: Mapping[int, SceneInput]
 ) -> dict[int, MadeScene]:
     """Scenes that processes with the pipeline of the settings make and keep."""
-    if config.videos and settings.dynamics.backend in READ_NO_IMAGES:
-        backend = settings.dynamics.backend
-        raise DataError(f"videos would do nothing: dynamics {backend!r} reads no images; leave it out")
     common = settings.fingerprint(config.checkpoint, config.source, config.truth_source)
     jobs = [_job(config, common, index, *about) for index, about in inputs.items()]
     function = partial(_perceive, config.checkpoint, settings, str(resolve_device(config.device)))
