@@ -98,10 +98,10 @@ def test_what_changes_steps_that_were_made_is_refused_with_both_values(tmp_path,
 
 
 def test_the_commands_short_options_lengthen_a_run(tmp_path) -> None:
-    few = ["--batch-size", "2", "--lr", "0.01", "--seed", "3", "--loop.schedule", "constant", "--evaluation_texts", "2"]
-    few += ["--model.embedding", "8", "--model.hidden", "16", "--run_dir", str(tmp_path / "run")]
+    few = ["--batch-size", "2", "--lr", "0.01", "--seed", "3", "--loop.schedule", "constant", "--evaluation-texts", "2"]
+    few += ["--model.embedding", "8", "--model.hidden", "16", "--run-dir", str(tmp_path / "run")]
     question_parser.main([*few, "--steps", "2", "--device", "auto"])
-    question_parser.main([*few, "--steps", "4", "--device", "cpu", "--loop.log_every", "1"])
+    question_parser.main([*few, "--steps", "4", "--device", "cpu", "--loop.log-every", "1"])
     loop = json.loads((tmp_path / "run" / "config.json").read_text())["config"]["loop"]
     assert (loop["steps"], loop["batch_size"], loop["learning_rate"], loop["seed"]) == (4, 2, 0.01, 3)
     few[3] = "0.02"
@@ -115,14 +115,14 @@ def test_the_command_says_how_to_use_the_weights(tmp_path, capsys) -> None:
         "8",
         "--model.hidden",
         "16",
-        "--evaluation_texts",
+        "--evaluation-texts",
         "2",
         "--batch-size",
         "2",
         "--device",
         "cpu",
     ]
-    assert main(["train", "question-parser", "--run_dir", str(tmp_path / "run"), "--steps", "1", *few]) == 0
+    assert main(["train", "question-parser", "--run-dir", str(tmp_path / "run"), "--steps", "1", *few]) == 0
     folder, use = capsys.readouterr().out.splitlines()
     assert f'--checkpoint {folder}, or Pipeline.from_pretrained("{folder}")' in use
     with pytest.warns(UserWarning, match="has no frame_parser, dynamics; the shipped ones are used"):

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from dataclasses import replace
 from itertools import chain, count, islice, pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -23,10 +23,11 @@ from nsdr.frame_parser.pasting import mask_changes
 from nsdr.frame_parser.regions import ROI_LEVELS
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads, resolve_precision
-from nsdr.io.images import VideoSource
-from nsdr.io.video import read_frames
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+
+if TYPE_CHECKING:
+    from nsdr.io.images import VideoSource
 
 MIN_OBJECTNESS = 0.05
 """Regions that are objects with a lower probability are not proposed (0-1). Not in training, where they are the negatives.
@@ -69,7 +70,7 @@ class FrameParser(PretrainedPart[nn.Module]):
 
     @limit_threads()
     @torch.no_grad()
-    def parse(self, frames: VideoSource, progress: bool = False) -> VideoProposals:
+    def parse(self, frames: "VideoSource", progress: bool = False) -> VideoProposals:
         """Proposals of a video.
 
         Args:
@@ -88,6 +89,8 @@ class FrameParser(PretrainedPart[nn.Module]):
         """
         notes: list[str] = []
         if not isinstance(frames, Iterator):
+            from nsdr.io.video import read_frames  # OpenCV changes the environment of the process
+
             frames = read_frames(frames, note=notes.append)
         counter, detect = count(), self._detector()
         rows: list[NDArray[np.float64]] = []
