@@ -46,7 +46,7 @@ PAGES = {
     "questions.md": {"VIDEO": "generated_1.mp4"},
     "export.md": {},
     "judge.md": {},
-    "training.md": {"VIDEOS": "ROOT/videos/train", "DIR": "ROOT/derender_proposals"},
+    "training.md": {},
     "video_models.md": {"FOLDER": "ROOT/videos/test"},
 }
 LEFT_OUT = (
@@ -54,6 +54,14 @@ LEFT_OUT = (
     *("http:", "--render.assets", "paper.yaml", "--source videos", "--source proposals"),
     *("generate dataset", "--first-scene 36", "--first-scene 370000", "--first-scene 540000", "--first-scene 580000"),
     *("answers.json", "PAIRS/questions", "OTHER"),
+    *(
+        "--run-dir runs/mine",
+        "CLEVRER/video_train",
+        "data/generated",
+        "propnet_images.yaml",
+        "runs/baseline_data",
+        "small/mac",
+    ),
 )
 """In commands that need a server, Blender, hours or many videos, that make more data, or that read what these do not make."""
 
