@@ -65,7 +65,7 @@ def test_the_official_semantics_answers_as_the_released_executor(shared, mode: s
     for row in rows:
         expected = "error" if row[mode] == "CRASH" else row[mode]
         for spelling in ("program", "released_names"):
-            answer = executors[row["scene_index"]].answer(row[spelling]).answer
+            answer = executors[row["scene_index"]].answer(row[spelling]).text
             if answer != expected:
                 wrong.append((row["scene_index"], " ".join(row[spelling]), expected, answer))
     assert not wrong, (len(wrong), wrong[:3])
