@@ -259,7 +259,7 @@ def test_pairs_differ_where_the_world_does_and_nowhere_else(compared) -> None:
                 answer_choices = executors[world].answer_choices
                 found = answer_choices(q.program, choices) if choices else executors[world].answer(q.program)
                 assert [c.answer for c in found.choices] == [c.answer for c in q.choices]
-                assert q.choices or found.answer == q.answer
+                assert q.choices or found.text == q.answer
         elif kind:
             shown, true = (even_frames(path).astype(int) for path in (video, first))
             shown = shown[:, :, ::-1] if kind == "mirrored" else shown

@@ -26,6 +26,7 @@ from .dataset import (
     SPLITS as SPLITS,
     Inventory as Inventory,
     Split as Split,
+    file_name as file_name,
     sub_folder as sub_folder,
 )
 from .download import OFFICIAL_ROOT as OFFICIAL_ROOT, download as download

@@ -16,7 +16,7 @@ from nsdr.types import VideoProposals
 from nsdr.validation import PositiveCount, convert, expect
 from nsdr.world.physics_constants import VIDEO_FRAMES
 
-__all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split", "sub_folder"]
+__all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split", "file_name", "sub_folder"]
 
 SPLITS = {"train": range(0, 10000), "validation": range(10000, 15000), "test": range(15000, 20000)}
 """Video indices of each split."""
@@ -36,6 +36,11 @@ QUESTION_FILES = {
 """Names of each split's question file, without the ending, in order of preference; in `questions/` or the root."""
 FOLDER_SIZE = 1000
 """Files in each sub-folder of the release."""
+
+
+def file_name(kind: str, index: int) -> str:
+    """Name of a video's file of a kind, such as "annotation_10000.json"."""
+    return _FILES[kind][0].format(index=index)
 
 
 def sub_folder(stem: str, index: int) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from nsdr import question_parser, symbolic
 from nsdr.baselines.recording import tag_options
-from nsdr.clevrer.dataset import CLEVRER, Split
+from nsdr.clevrer.dataset import CLEVRER, Split, file_name
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
@@ -164,12 +164,12 @@ def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], 
     if isinstance(data, Split) and config.available:
         listed = [s for s in listed if _is_there(config, data, s)]
         if not listed:
-            raise DataError(_partial(config, data, 0, len(data.indices)))
+            raise DataError(_partial(config, data, 0, len(data.indices), data.indices[0]))
     listed = listed[:: config.every][: config.limit or None]
     if isinstance(data, Split) and not config.available:
-        there = sum(_is_there(config, data, s) for s in listed)
-        if there < len(listed):
-            raise DataError(_partial(config, data, there, len(listed)))
+        missing = [s.scene_index for s in listed if not _is_there(config, data, s)]
+        if missing:
+            raise DataError(_partial(config, data, len(listed) - len(missing), len(listed), missing[0]))
     return _tagged(listed, config) if config.tags_from else listed, data
 
 
@@ -178,11 +178,12 @@ def _is_there(config: EvaluationConfig, split: Split, s: SceneQuestions) -> bool
     return config.source not in FILES_OF or split.find(FILES_OF[config.source], s.scene_index) is not None
 
 
-def _partial(config: EvaluationConfig, split: Split, there: int, wanted: int) -> str:
-    """What is said of a split with some or none of the files."""
+def _partial(config: EvaluationConfig, split: Split, there: int, wanted: int, missing: int) -> str:
+    """What is said of a split with some or none of the files, of which that of the scene `missing` is missing."""
     kind = FILES_OF[config.source]
     remedy = "; --available scores those" if there else ""
-    return f"{split.root}: {there or 'none'} of {wanted} {kind} are here{remedy}: {split.files.expected(kind)}"
+    said = f"{split.root}: {there or 'none'} of {wanted} {kind} are here{remedy}: {split.files.expected(kind)}"
+    return f"{said}; {file_name(kind, missing)} is missing"
 
 
 def _tagged(questions: Sequence[SceneQuestions], config: EvaluationConfig) -> list[SceneQuestions]:
