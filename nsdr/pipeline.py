@@ -36,7 +36,7 @@ from nsdr.symbolic.program import ProgramSource
 from nsdr.tracking.localization import size_notes
 from nsdr.tracking.speeds import speed_notes
 from nsdr.tracking.tracker import TrackerConfig, existence, track
-from nsdr.types import Answer, Event, Judgement, Scene, Simulation, VideoProposals, VideoTracks
+from nsdr.types import Answer, Judgement, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 
@@ -106,9 +106,8 @@ class Pipeline:
     ) -> "Pipeline":
         """Load the parts from a checkpoint.
 
-        A checkpoint may have only some parts, such as the one that was trained; a warning says which others are those of
-        `default`. Parts that alone were trained are used: the networks of a checkpoint that has only `question_parser` parse
-        the questions.
+        A checkpoint may have only some parts, such as the one that was trained. They are used, and a warning says which others
+        are those of `default`.
 
         Args:
             path_or_id: a folder, a name, or a repository of the Hugging Face Hub (see `nsdr.io.checkpoint.find_checkpoint`).
@@ -224,7 +223,7 @@ class Pipeline:
         parsed = replace(parsed, notes=distinct(parsed.notes, notes))
         perception = self._perceived(video, parsed, true_scene=true_scene)
         self._kept[key] = (parts, perception)
-        while len(self._kept) > KEPT_VIDEOS:
+        if len(self._kept) > KEPT_VIDEOS:
             self._kept.popitem(last=False)
         return perception
 
@@ -282,9 +281,8 @@ class Pipeline:
         if isinstance(video, Perception):
             seen = video
         else:
-            stage = {VideoProposals: "proposals", VideoTracks: "tracks"}.get(type(video), "video")
-            given: dict[str, Any] = {stage: video}
-            seen = self.perceive(**given)
+            name = {VideoProposals: "proposals", VideoTracks: "tracks"}.get(type(video), "video")
+            seen = self.perceive(**{name: video})  # type: ignore[arg-type]
         if seen.explanation is None:
             raise DataError("the perception has no explanation, which a simulation starts from; give the video")
         found = simulate(seen.explanation, interventions, from_frame)
@@ -322,9 +320,8 @@ class Pipeline:
             raise VideoError(f"{video}: {e}") from e
         if not judgement.objects:
             raise VideoError(f"{video}: no objects found in more than {self.tracker.min_frames} frames")
-        if self.video.check == "off":
-            return judgement
-        return replace(judgement, notes=distinct(judgement.notes, wrong))
+        said = judgement.notes if self.video.check == "off" else distinct(judgement.notes, wrong)
+        return replace(judgement, notes=said)
 
     def proposals(self, video: VideoSource) -> tuple[VideoProposals, NDArray[np.floating[Any]]]:
         """What is judged: proposals in all frames of a video, also after a cut, and how much later each of the (F,) frames is
@@ -381,18 +378,15 @@ class Pipeline:
             check_is_video(given)
         if program is None and not question.strip():
             raise QuestionError("the question is empty")
-        known = given if isinstance(given, Scene) else None
-        parsed, parsed_choices = read_programs(self.question_parser, question, choices, program, choice_programs, known)
+        about = (question, choices, program, choice_programs, given if isinstance(given, Scene) else None)
+        parsed, parsed_choices = read_programs(self.question_parser, *about)
         if isinstance(given, Scene):
             executor = Executor(given)
         else:
             perception = self.perceive(given)
-
-            def events_with(change: Intervention, from_frame: int) -> Sequence[Event]:
-                """Of the video, and after it, for questions "what if"."""
-                return self.simulate(perception, [change], from_frame).events
-
-            executor = Executor(perception.scene, simulate=events_with)
+            executor = Executor(
+                perception.scene, simulate=lambda change, frame: self.simulate(perception, [change], frame).events
+            )
         if parsed_choices is None:
             return executor.answer(parsed, question, choices or ())
         texts = choices or [str(p) for p in parsed_choices]

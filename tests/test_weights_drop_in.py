@@ -70,6 +70,28 @@ def test_a_part_of_ones_own_is_not_left_out_silently(tmp_path: Path) -> None:
     assert not (tmp_path / "m").exists()
 
 
+class Frictionless(PhysicsPredictor):
+    """A backend of a user's own that inherits from a shipped one."""
+
+
+class Polite(GrammarParser):
+    """A question parser of a user's own that inherits from a shipped one."""
+
+
+def test_a_part_that_inherits_from_a_shipped_one_is_not_taken_for_it(tmp_path: Path) -> None:
+    pipeline = Pipeline.from_pretrained(device="cpu")
+    shipped = pipeline.dynamics
+    assert isinstance(shipped, PhysicsPredictor)
+    for dynamics, parser, message in (
+        (Frictionless(shipped.detector), GrammarParser(), "Frictionless has no `name` of an installed backend"),
+        (PhysicsPredictor(Still()), GrammarParser(), "Still is no collision detector of nsdr"),  # type: ignore[arg-type]
+        (shipped, Polite(), "Polite is no question parser of nsdr"),
+    ):
+        pipeline.dynamics, pipeline.question_parser = dynamics, parser
+        with pytest.raises(DataError, match=message):
+            pipeline.save_pretrained(tmp_path / "m")
+
+
 PARTS = {
     "frame_parser": (PhysicsPredictor, GrammarParser),
     "dynamics": (PropNetPredictor, GrammarParser),

@@ -115,17 +115,24 @@ def settings_of(backend: Dynamics) -> BackendConfig:
     """The settings with which `load_backend` makes this backend again, if its weights are in the checkpoint.
 
     Raises:
-        DataError: the backend has no `name` of a backend.
+        DataError: the class of the backend has no `name` of its own under which a backend is installed, or the physics backend
+            has a detector of the user's own.
     """
     if isinstance(backend, VelocityEvents):
         return replace(settings_of(backend.backend), collisions="velocity")
-    name = getattr(backend, "name", "")
+    name = vars(type(backend)).get("name", "")  # not that of a base class, whose motion may differ
     if name not in BACKENDS.names():
         kind = type(backend).__name__
         raise DataError(
             f"{kind} has no `name` of an installed backend ({', '.join(BACKENDS.names())}); see docs/plugins.md"
         )
-    return BackendConfig(name, physics=backend.config if isinstance(backend, PhysicsPredictor) else PhysicsConfig())
+    if not isinstance(backend, PhysicsPredictor):
+        return BackendConfig(name)
+    from nsdr.dynamics.collisions.network import TrackCollisionDetector
+
+    if type(backend.detector) is not TrackCollisionDetector:
+        raise DataError(f"{type(backend.detector).__name__} is no collision detector of nsdr, and cannot be stored")
+    return BackendConfig(name, physics=backend.config)
 
 
 def backend_settings(settings: str | Path | BackendConfig) -> BackendConfig:

@@ -128,7 +128,7 @@ def _at_fault(given: Sequence[str], short: Mapping[str, str], message: str) -> l
     found = []
     for name in (argument.partition("=")[0] for argument in given if argument.startswith("-")):
         field = short.get(name, name).rpartition(".")[2].lstrip("-").replace("-", "_")
-        if field != "config" and re.search(rf"\b{re.escape(field)}\b", message):
+        if field != "config" and re.search(rf"(^|[.\"]){re.escape(field)}\b", message):
             found.append(name)
     return found
 

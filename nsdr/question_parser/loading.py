@@ -64,10 +64,13 @@ def settings_of(parser: Parser) -> tuple[str, bool]:
     Raises:
         DataError: it is none of those that `load_parser` makes.
     """
-    if isinstance(parser, GrammarParser):
+    if type(parser) is GrammarParser:
         return GRAMMAR, parser.extensions
-    if isinstance(parser, LanguageModelParser):
+    if type(parser) is LanguageModelParser:
         return f"{parser.url}#{parser.model}", False
-    if isinstance(parser, HasWeights):
-        return NETWORK, False
+    if isinstance(parser, HasWeights):  # the networks load torch, which other parsers need not
+        from nsdr.question_parser.network import QuestionParser
+
+        if type(parser) is QuestionParser:
+            return NETWORK, False
     raise DataError(f"{type(parser).__name__} is no question parser of nsdr, and cannot be stored")
