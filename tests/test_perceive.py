@@ -131,7 +131,7 @@ def test_a_split_is_evaluated_again_from_what_is_kept(videos, tmp_path, capsys, 
     assert main([*command, "--cache", str(tmp_path / "cache")]) == 2
     error = capsys.readouterr().err
     assert "root: 3 of 4 videos are here; --available scores those: looked below " in error
-    assert error.endswith("root has the folders questions, videos\n")
+    assert error.endswith("root has the folders questions, videos; video_10003.mp4 is missing\n")
     command += ["--available", "--cache", str(tmp_path / "cache"), "-o"]
     assert main([*command, str(tmp_path / "first.json")]) == 1
     assert "1 of 3 questions failed, such as scene 10002" in capsys.readouterr().err
@@ -233,3 +233,10 @@ def test_options_that_would_do_nothing_are_refused(options, message, capsys, tmp
     shutil.copy(QUESTIONS, tmp_path / "q.json")
     assert main(["evaluate", "--questions", str(tmp_path / "q.json"), "--data", str(tmp_path), *options]) in (0, 2)
     assert message in capsys.readouterr().err
+
+
+def test_a_video_is_parsed_without_a_file_and_a_folder_is_not(tmp_path, capsys) -> None:
+    assert main(["parse", str(VIDEO)]) == 0
+    assert "  object 4: purple metal cube\n" in capsys.readouterr().out
+    assert main(["parse", str(tmp_path)]) == 2
+    assert "is no single video; give -o FOLDER" in capsys.readouterr().err

@@ -31,7 +31,7 @@ def parse_options(parser: Any) -> None:
     output = (
         "scene file of one video, .json; else a folder for scene_N.json, with proposal_N.json where videos are parsed"
     )
-    add("-o", "--output", required=True, help=output)
+    add("-o", "--output", default=None, help=f"{output}; of one video, without it the scene is printed only")
     add("--proposals-out", default=None, help="of one video: also write its mask proposals in CLEVRER's format, .json")
     forms = "of mask proposals: write scenes, or predictions in the research code's files"
     add("--form", default="scenes", choices=["scenes", "predictions"], help=forms)
@@ -47,6 +47,8 @@ def parse(options: Any) -> int:
         refuse_idle(options, ("workers", "engine", "keep_going"), " for one video")
         return _parse_video(options)
     refuse_idle(options, ("proposals_out",), f": {options.source} is no single video")
+    if options.output is None:
+        raise DataError(f"{options.source} is no single video; give -o FOLDER for what is made of it")
     o, settings = options, settings_of(options)
     check_output_folder(o.output)
     about = (o.checkpoint, settings, o.engine, o.workers, o.device)
@@ -86,10 +88,11 @@ def _parse_video(options: Any) -> int:
 
     perception = pipeline.perceive(options.source)
     scene = perception.scene
-    save(options.output, replace(scene, dynamics=_rounded(perception.explanation.prediction)))
+    if options.output is not None:
+        save(options.output, replace(scene, dynamics=_rounded(perception.explanation.prediction)))
     if options.proposals_out:
         write_json(options.proposals_out, proposals_document(perception.proposals, Path(options.source).name))
-    print(f"{options.output}: {scene}")
+    print(f"{options.output or options.source}: {scene}")
     print_notes(scene.notes)
     return 0
 

@@ -18,7 +18,7 @@ PARTS = {
 
 def train(arguments: list[str]) -> int:
     """Train a part from its command-line arguments."""
-    part, *rest = arguments or ["nothing"]
+    part, *rest = arguments or ["--help"]
     if part in HELP:
         usage = (
             "nsdr train PART [--config configs/….yaml] [--steps N] [--batch-size N] [--lr RATE] [--device cpu|cuda] …"
