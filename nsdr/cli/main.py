@@ -115,13 +115,13 @@ def _overview(arguments: list[str]) -> int:
     asked = arguments[:1] in (["--help"], ["-h"])
     first = arguments[0] if arguments else ""
     parts = {name: row for name, row in COMMANDS.items() if name.startswith(f"{first} ")}
-    if first and not asked and not (parts and arguments[1:2] in ([], ["--help"], ["-h"])):
+    if arguments and not asked and not (parts and arguments[1:2] in (["--help"], ["-h"])):
         known = ", ".join(parts or dict.fromkeys(name.split()[0] for name in COMMANDS))
         raise DataError(f"nsdr: unknown command {' '.join(arguments[: 1 + bool(parts)])!r}; expected one of {known}")
     if parts:
         print(f"nsdr {first} PART …; nsdr {first} PART --help shows the options of a part.\n")
         _print_table({name: summary for name, (*_, summary) in parts.items()})
-        return 0 if arguments[1:] else ERROR
+        return 0
     print(
         "nsdr COMMAND …: answers questions about videos of colliding objects. nsdr COMMAND --help shows a command's options,"
     )

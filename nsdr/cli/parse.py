@@ -44,7 +44,7 @@ def parse(options: Any) -> int:
     if kind != "proposals" and options.form != "scenes":
         raise DataError(f"--form {options.form} is of mask proposals, and {options.source} is a {kind}; leave it out")
     if kind == "video":
-        refuse_idle(options, ("workers", "engine", "keep_going"), " for one video")
+        refuse_idle(options, ("workers", "engine", "keep_going"), f": {options.source} is one video")
         return _parse_video(options)
     refuse_idle(options, ("proposals_out",), f": {options.source} is no single video")
     if options.output is None:

@@ -18,7 +18,9 @@ PARTS = {
 
 def train(arguments: list[str]) -> int:
     """Train a part from its command-line arguments."""
-    part, *rest = arguments or ["--help"]
+    if not arguments:
+        raise DataError(f"nsdr train: name a part: {', '.join(PARTS)}; nsdr train --help says what they are")
+    part, *rest = arguments
     if part in HELP:
         usage = (
             "nsdr train PART [--config configs/….yaml] [--steps N] [--batch-size N] [--lr RATE] [--device cpu|cuda] …"

@@ -110,6 +110,7 @@ def run_evaluation(config: EvaluationConfig) -> Report:
         MachineError: a full disk, a lost worker or the like, which is no fault of a scene.
     """
     settings = config.pipeline()
+    resolve_device(config.device)
     if config.videos and settings.dynamics.backend in READ_NO_IMAGES:
         backend = settings.dynamics.backend
         raise DataError(f"videos would do nothing: dynamics {backend!r} reads no images; leave it out")

@@ -10,7 +10,7 @@ from tests.robustness.good import ANSWER
 PROGRAMS = {
     "empty": "", "blanks": "   ", "unknown token": "zebra", "underflow": "count", "leftovers": "objects objects",
     "wrong type": "objects red filter_shape", "wrong type of a module": "objects query_color", "number": "5",
-    "no answer": "objects", "tree": "Count(Objects)", "emoji": "🙂", "control characters": "objects\x01count",
+    "no answer": "objects", "tree": "Count(Objects", "emoji": "🙂", "control characters": "objects\x01count",
     "word of another kind": "objects cube filter_color count", "too long": "objects " * 20_000 + "count",
     "SQL": "'; DROP TABLE objects; --",
     "unique of none": "objects purple filter_color rubber filter_material cube filter_shape "
