@@ -279,7 +279,7 @@ def _truth(folder):
         (["program", "objects boggle", "--run", TRUTH], "unknown module or word 'boggle'"),
         (["parse", VIDEO, "-o", "scene.txt"], "expected a name ending in .json"),
         (["parse", "nowhere", "-o", "out"], "nowhere: no such file or folder"),
-        (["parse", VIDEO, "-o", "scene.json", "--workers", "2"], "--workers would do nothing for one video"),
+        (["parse", VIDEO, "-o", "scene.json", "--workers", "2"], "is one video; leave it out"),
         (
             ["parse", VIDEO, "-o", "scene.json", "--form", "predictions"],
             "--form predictions is of mask proposals, and ",
