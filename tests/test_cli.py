@@ -293,6 +293,7 @@ def _truth(folder):
         (["train", "dynamics", "--config", "none.yaml"], "none.yaml"),
         (["evaluate", "--questions", "none.json", "--source", "videos", "--data", "."], "none.json: no such file"),
         (["nonsense"], "nonsense"),
+        (["evaluate", "--quest", "q.json", "--data", "."], "unrecognized arguments: --quest"),
         (
             ["answer", TRUTH, "How many collisions happen?", "--dynamics", "propnet"],
             "--dynamics would do nothing",

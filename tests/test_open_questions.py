@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsdr import Event, ExecutionError, Executor, GrammarParser, QuestionError, Rollout, Scene, narrate, verify
+from nsdr import Answer, Event, ExecutionError, Executor, GrammarParser, QuestionError, Rollout, Scene, narrate, verify
 from nsdr.dynamics.physics.simulated_view import uncertain_borders
 from nsdr.dynamics.scene import events_of, scene_from_prediction
 from nsdr.language.texts import in_words
@@ -179,3 +179,10 @@ def test_scenes_have_the_probable_entrances_and_exits_of_rollouts(small_scene: S
     assert (made.predicted, made.counterfactual, made.collisions_only) == (expected, {0: expected}, False)
     removed = [(u.removed, u.event, u.probability) for u in made.uncertain or ()]
     assert removed == [(k, u.event, u.probability) for k in (None, 0) for u in (unlikely, likely)]
+
+
+def test_a_printed_list_of_events_has_the_probability_of_the_whole_on_a_line_of_its_own() -> None:
+    several = Answer(
+        "What happens?", ("events", "describe"), "it enters (frame 3)\nit exits (frame 9)", probability=0.97
+    )
+    assert str(several).splitlines() == ["it enters (frame 3)", "it exits (frame 9)", "all of this: 97 %"]

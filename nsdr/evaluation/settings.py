@@ -37,19 +37,19 @@ class EvaluationConfig(Settings):
     Attributes:
         questions: question file; "" with `root`.
         data: folder or file that `source` reads; "" with `root`.
-        root: folder of a data set in the official layout (see `nsdr.clevrer.CLEVRER`), in place of `questions` and `data`.
-        split: "train", "validation" or "test" of `root`.
+        root: folder of a data set in CLEVRER's official layout (docs/dataset.md), in place of `questions` and `data`.
+        split: which part of `root`.
         available: whether only the videos of `root` that are there count; if not, all must be there.
-        source: what scenes are made from, a name in `nsdr.evaluation.SOURCES`.
+        source: what scenes are made from, such as "videos", "proposals", "tracks" or "ground-truth" (docs/cli.md has all).
         videos: folder of the videos that the proposals of `data` are of, for a dynamics backend that reads images.
         programs: "parsed", or "gold" for those of the question file.
-        question_parser: what parses, as in `nsdr.PipelineConfig`; "" for that of `config` (grammar).
+        question_parser: "grammar", "network", or a language model's address; "" for that of `config` (grammar).
         types: question types to answer.
         every: answer every n-th scene of those with such questions.
         limit: answer the first n of these scenes; 0 for all.
         checkpoint: weights.
         dynamics: a backend's name, or its YAML file; "" for that of `config` (physics).
-        config: YAML file of a `nsdr.PipelineConfig`, or "paper" for the paper's system; "" for the defaults.
+        config: YAML file with settings of a pipeline, or "paper" for the paper's system; "" for the defaults.
         set: single settings, "key=value" each, such as "tracker.score=0.8".
         semantics: "paper", or "official" for the released executor's, which needs predictions.
         collisions: with the official semantics "predicted", or "velocity" (NE).
@@ -62,7 +62,7 @@ class EvaluationConfig(Settings):
         cache: folder that keeps scenes for the next run.
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
-        device: where the networks of every process run, as in `Pipeline.from_pretrained`.
+        device: where the networks of every process run, such as "cuda:1"; "auto" takes a GPU where there is one.
     """
 
     questions: str = ""

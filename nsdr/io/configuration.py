@@ -25,7 +25,8 @@ UNUSABLE = (jsonargparse.ArgumentError, TypeError, ValueError, KeyError, Attribu
 class OptionParser(jsonargparse.ArgumentParser):
     """A parser whose options are spelled with dashes, also where a field of a configuration has underscores.
 
-    It refuses an option that is given twice, of which argparse drops the first value without a word.
+    It refuses an option that is given twice, of which argparse drops the first value without a word, and the beginning of an
+    option's name, which means another option when one is added.
 
     Attributes:
         headings: names of options by their headings in the help; the others stand before them.
@@ -33,7 +34,7 @@ class OptionParser(jsonargparse.ArgumentParser):
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
+        super().__init__(*arguments, allow_abbrev=False, **options)
         self.headings: dict[str, tuple[str, ...]] = {}
         self.more: tuple[str, ...] = ()
         self._needed: list[str] = []

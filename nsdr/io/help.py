@@ -3,7 +3,7 @@
 import argparse
 import re
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -14,6 +14,8 @@ WIDTH, INDENT = 110, 30
 """Longest line, and where the descriptions begin (columns)."""
 PLACE = re.compile(r"(?:an? )?(?:[\w-]+ )?(folder or file|file or folder|folder|file)\b", re.IGNORECASE)
 """The beginning of a description of a path."""
+CODE = re.compile(r"`([^`]+)`")
+"""A field or a name in a description."""
 PLACES = {"FOLDER": "FOLDER", "FILE": "FILE"}
 """Words of descriptions that are written as they are; others are any path."""
 NOT_SHOWN: tuple[Any, ...] = (None, "", False, [], (), argparse.SUPPRESS)
@@ -66,6 +68,7 @@ def formatted_help(parser: Any, needed: Sequence[str], groups: Mapping[str, Sequ
     sections = {a.dest.split(".")[0]: None for a in actions if "." in a.dest or _is_section(a)}
     shown = [a for a in actions if "." not in a.dest and (a.dest not in sections or _may_be_none(a))]
     named = {name for names in groups.values() for name in names}
+    options = {a.dest for a in parser._actions if a.option_strings}
     rows = {
         "arguments": [a for a in shown if not a.option_strings],
         "options": [a for a in shown if a.option_strings and a.dest not in named],
@@ -80,7 +83,7 @@ def formatted_help(parser: Any, needed: Sequence[str], groups: Mapping[str, Sequ
     ]
     for title, listed in rows.items():
         if listed:
-            lines += ["", f"{title}:", *(line for a in listed for line in _described(a, a.dest in needed))]
+            lines += ["", f"{title}:", *(line for a in listed for line in _described(a, a.dest in needed, options))]
     if sections:
         about = "settings of a section; --config FILE has them, too, and --print-config prints all"
         lines += ["", "sections:", *_row(", ".join(f"--{_dashed(name)}.NAME" for name in sections), about)]
@@ -98,8 +101,9 @@ def _may_be_none(action: Any) -> bool:
     return NoneType in get_args(getattr(action, "_typehint", None))
 
 
-def _described(action: argparse.Action, required: bool) -> Iterator[str]:
+def _described(action: argparse.Action, required: bool, names: Container[str]) -> Iterator[str]:
     about = " ".join((action.help or "").split()).replace("%%", "%").rstrip(".")
+    about = CODE.sub(lambda m: f"--{_dashed(m[1])}" if m[1] in names else m[1], about)
     if action.dest == "print_config":
         about = "print all settings as a YAML file, and do nothing else"
     default = _default(action)

@@ -113,7 +113,10 @@ class Answer:
 
     def __str__(self) -> str:
         width = max((len(_judgement(c)) for c in self.choices), default=0)
-        return "\n".join([self.text + format_probability(self), *(_line(c, width) for c in self.choices)])
+        probability = format_probability(self)
+        if self.probability is not None and "\n" in self.text:
+            probability = f"\nall of this: {percent(self.probability)}"
+        return "\n".join([self.text + probability, *(_line(c, width) for c in self.choices)])
 
 
 def _judgement(choice: ChoiceAnswer) -> str:
