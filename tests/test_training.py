@@ -221,6 +221,31 @@ def test_loop_fits_a_line(tmp_path) -> None:
     assert train(Line(), config, tmp_path / "run", {})["weight"] == pytest.approx(3, abs=0.05)
 
 
+def test_worker_processes_make_the_same_batches(tmp_path) -> None:
+    class Recorded(Line):
+        def collate(self, examples):
+            made.append(os.getpid())
+            return super().collate(examples)
+
+    found = []
+    for workers in (0, 2):
+        made: list[int] = []
+        config = LoopConfig(steps=20, learning_rate=0.1, device="cpu", workers=workers)
+        found.append(train(Recorded(), config, tmp_path / str(workers), {})["weight"])
+        assert bool(made) == (workers == 0)
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_an_error_in_a_batch_is_told_as_it_is(workers: int, tmp_path) -> None:
+    class Broken(Line):
+        def collate(self, examples):
+            raise DataError("frame_3.png: corrupt")
+
+    with pytest.raises(DataError, match=r"^frame_3\.png: corrupt$"):
+        train(Broken(), LoopConfig(steps=2, device="cpu", workers=workers), tmp_path, {})
+
+
 def test_metrics_without_a_value_are_null(tmp_path) -> None:
     class Unmeasured(Line):
         def evaluate(self, model):

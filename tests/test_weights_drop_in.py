@@ -25,7 +25,7 @@ from nsdr import (
 from nsdr.clevrer.example import VIDEO
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.velocity_events import VelocityEvents
-from nsdr.io.checkpoint import find_checkpoint
+from nsdr.io.checkpoint import SCORES, find_checkpoint, load_description
 from nsdr.pipeline import Perception
 from nsdr.tracking import TrackerConfig
 
@@ -108,6 +108,22 @@ def test_weights_drop_in(part: str, tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="has no .*; the shipped ones are used"):
         loaded = Pipeline.from_pretrained(tmp_path, device="cpu")
     assert (type(loaded.dynamics), type(loaded.question_parser)) == PARTS[part]
+
+
+def test_weights_that_were_hardly_trained_are_loaded_with_a_warning(tmp_path: Path) -> None:
+    shutil.copy(find_checkpoint() / "frame_parser.safetensors", tmp_path)
+    details = json.loads((find_checkpoint() / "frame_parser.json").read_text())
+    details["metrics"]["f1"] = 0.018
+    (tmp_path / "frame_parser.json").write_text(json.dumps(details))
+    with pytest.warns(
+        UserWarning, match=r"frame_parser\.json: these weights were at f1 0\.018 when their training ended"
+    ):
+        FrameParser.from_pretrained(tmp_path, device="cpu")
+
+
+@pytest.mark.parametrize("part", SCORES)
+def test_shipped_weights_have_the_score_that_is_looked_at(part: str) -> None:
+    assert load_description(find_checkpoint(), part)["metrics"][SCORES[part]] > 0.9
 
 
 def test_a_folder_without_parts_is_refused(tmp_path: Path) -> None:

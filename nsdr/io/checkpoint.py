@@ -32,6 +32,15 @@ HUB_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*(@[\w.-]+)?")
 HUB_FILES = ("*.safetensors", "*.json", "*.md")
 """Files of a repository that are downloaded. No pickles."""
 RESTORE = "restore the file, or train the part (`nsdr train`)"
+SCORES = {
+    "frame_parser": "f1",
+    "dynamics": "collision_f1",
+    "collisions": "collision_f1",
+    "question_parser": "choice_exact",
+}
+"""Of each part, which of the metrics in its JSON file (0-1) says best how good it is."""
+LOW_SCORE = 0.5
+"""Weights with a score below this are loaded with a warning."""
 
 
 def find_checkpoint(path_or_id: str | Path = "default", group: str = "") -> Path:
@@ -205,6 +214,8 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
         kind: dataclass of the network's settings.
         build: makes a network from them.
 
+    Warns of weights that were hardly trained (`SCORES`).
+
     Raises:
         CheckpointError: a file is missing or corrupt, or holds another kind of network; names the file.
     """
@@ -233,6 +244,13 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
             raise failure from e
         reason = " ".join(str(e).split())[:200]
         raise CheckpointError(f"{where}: not a network of {kind.__name__} ({reason}); restore the files") from e
+    score = (details.get("metrics") or {}).get(SCORES.get(part))
+    if score is not None and score < LOW_SCORE:
+        warnings.warn(
+            f"{where}: these weights were at {SCORES[part]} {score:.2g} when their training ended; what they find is mostly "
+            "wrong",
+            stacklevel=2,
+        )
     return network
 
 

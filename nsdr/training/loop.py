@@ -8,7 +8,8 @@ rounding, as some sums have no fixed order there.
 import logging
 import math
 import os
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -24,9 +25,10 @@ from msgspec import Meta
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.utils.data import DataLoader, Dataset
 from tqdm import tqdm
 
-from nsdr.errors import DataError
+from nsdr.errors import DataError, MachineError, NsdrError
 from nsdr.io.checkpoint import save_checkpoint, start_from
 from nsdr.io.device import PRECISIONS, has_bfloat16, resolve_device, resolve_precision
 from nsdr.io.files import locked
@@ -62,6 +64,8 @@ class LoopConfig(Settings):
         log_every: steps between two lines of losses in `metrics.jsonl`.
         evaluate_every: steps between two evaluations; 0 evaluates after the last step only.
         save_every: steps between two checkpoints.
+        workers: processes that make batches ahead; 0 makes them in a thread, which is enough where a step takes longer than a
+            batch, as on a CPU.
         device: "auto" (CUDA where there is one, else the CPU), "cpu", "cuda" or "cuda:N". With several processes
             (`torchrun`, `accelerate launch`), "auto" or "cpu": the launcher assigns the devices.
     """
@@ -82,6 +86,7 @@ class LoopConfig(Settings):
     log_every: PositiveCount = 20
     evaluate_every: Count = 0
     save_every: PositiveCount = 200
+    workers: Count = 0
     device: str = "auto"
 
 
@@ -131,6 +136,21 @@ class _Losses(nn.Module):
         terms = self.losses(self.model, batch)
         counts = (torch.as_tensor(term.items, device=term.total.device) for term in terms.values())
         return {k: torch.stack([terms[k].total.float(), n.float()]) for k, n in zip(terms, counts, strict=True)}
+
+
+class _Batches(Dataset[Any]):
+    """This process's part of the batch of each step, by the step's number; our own errors are returned in place of it."""
+
+    def __init__(self, task: Task, config: LoopConfig, rank: int, processes: int) -> None:
+        self.task, self.config, self.rank, self.processes = task, config, rank, processes
+
+    def __getitem__(self, step: int) -> Any:
+        rng = np.random.default_rng((self.config.seed, step))
+        try:
+            examples = self.task.draw(self.config.batch_size * self.processes, rng, step)
+            return self.task.collate(examples[self.rank :: self.processes])
+        except (NsdrError, MachineError) as e:  # worker processes would hide its message in a traceback
+            return e
 
 
 def learning_rate_at(step: int, config: LoopConfig) -> float:
@@ -194,23 +214,20 @@ class _Training:
         self._accept_changes(start)
         if start and folder.metrics(start) is None:  # killed after the checkpoint, before its line was written
             self._finish(start, record)
-        is_shown = self.accelerator.is_main_process
-        with ThreadPoolExecutor(1) as pool:
-            upcoming = pool.submit(self._batch, start) if start < config.steps else None
-            bar = tqdm(range(start, config.steps), initial=start, total=config.steps, disable=not is_shown)
-            for step in bar:
-                assert upcoming is not None
-                batch, done = send_to_device(upcoming.result(), self.accelerator.device), step + 1
-                upcoming = pool.submit(self._batch, done) if done < config.steps else None
-                means = self._step(step, batch)
-                record, last = {}, done == config.steps
-                if done % config.log_every == 0 or last:
-                    record = {"loss": sum(means.values()), "learning_rate": learning_rate_at(step, config)}
-                    record |= {f"loss/{name}": mean for name, mean in means.items()}
-                    bar.set_postfix(loss=f"{record['loss']:.4g}")
-                if last or done % config.save_every == 0:
-                    folder.save(state, done, record)
-                self._finish(done, record)
+        is_shown, steps = self.accelerator.is_main_process, range(start, config.steps)
+        bar = tqdm(steps, initial=start, total=config.steps, disable=not is_shown)
+        for step, batch in zip(bar, self._batches(steps), strict=True):
+            if isinstance(batch, Exception):
+                raise batch
+            means = self._step(step, send_to_device(batch, self.accelerator.device, non_blocking=True))
+            record, done, last = {}, step + 1, step + 1 == config.steps
+            if done % config.log_every == 0 or last:
+                record = {"loss": sum(means.values()), "learning_rate": learning_rate_at(step, config)}
+                record |= {f"loss/{name}": mean for name, mean in means.items()}
+                bar.set_postfix(loss=f"{record['loss']:.4g}")
+            if last or done % config.save_every == 0:
+                folder.save(state, done, record)
+            self._finish(done, record)
         if self.average is not None:
             self.task.model.load_state_dict(self.average.module.state_dict())
         return folder.metrics(config.steps) or {}
@@ -236,11 +253,27 @@ class _Training:
                 ),
             )
 
-    def _batch(self, step: int) -> Any:
-        """This process's part of a step's batch."""
-        rank, processes = self.accelerator.process_index, self.accelerator.num_processes
-        rng = np.random.default_rng((self.config.seed, step))
-        return self.task.collate(self.task.draw(self.config.batch_size * processes, rng, step)[rank::processes])
+    def _batches(self, steps: range) -> Iterator[Any]:
+        """The batches of steps, made ahead."""
+        accelerator = self.accelerator
+        batches = _Batches(self.task, self.config, accelerator.process_index, accelerator.num_processes)
+        if self.config.workers:
+            # Forked processes share the data of the task.
+            context = "fork" if sys.platform == "linux" else None
+            is_pinned = accelerator.device.type == "cuda"
+            options: Any = {
+                "num_workers": self.config.workers,
+                "multiprocessing_context": context,
+                "pin_memory": is_pinned,
+            }
+            yield from DataLoader(batches, None, sampler=steps, **options)
+            return
+        with ThreadPoolExecutor(1) as pool:
+            upcoming = None
+            for step in steps:
+                batch = upcoming.result() if upcoming else batches[step]
+                upcoming = pool.submit(batches.__getitem__, step + 1) if step + 1 in steps else None
+                yield batch
 
     def _step(self, step: int, batch: Any) -> dict[str, float]:
         """Take a step; returns the means of the loss terms over the batches of all processes."""

@@ -56,9 +56,10 @@ def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
 
 
 def resolved(config: Any) -> dict[str, Any]:
-    """The settings of a training as plain values, without where it writes, which may change, and the device it runs on."""
+    """The settings of a training as plain values, without those that may change: where it writes, and what it runs on."""
     values = {name: value for name, value in asdict(config).items() if name not in ("run_dir", "output")}
-    values["loop"].pop("device")
+    for name in ("device", "workers"):
+        values["loop"].pop(name)
     return values
 
 
