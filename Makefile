@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN ?= .venv/bin
 
-.PHONY: demo test check robustness browser docs bench gpu weights wheel wheel-check clean
+.PHONY: demo test check robustness browser docs bench gpu weights notebooks wheel wheel-check clean
 
 demo: .venv/installed
 	$(BIN)/nsdr demo -o demo/nsdr_demo.png
@@ -31,6 +31,10 @@ browser: .venv/installed-browser
 # proposals as proposals_dev.npz, truth_dev.json.gz, questions/mixed_dev.json); without it, what needs them is left out.
 bench: .venv/installed-dev
 	$(BIN)/python -m benchmarks.speed -o results/speed.md $(if $(DATA),--data $(DATA))
+
+# Runs the notebooks and keeps what they print and draw: about fifteen minutes.
+notebooks: .venv/installed-dev
+	OMP_NUM_THREADS=1 $(BIN)/python .ci/notebooks.py notebooks/*.ipynb
 
 # Everything that runs on a GPU. ARGS="--device cuda:1" takes another one; ARGS=--small tries it on few frames, without a GPU on a
 # simulated one and the CPU.

@@ -249,13 +249,15 @@ def test_every_public_name_says_what_it_does_and_of_what_shape() -> None:
     assert not missing, "\n".join(missing)
 
 
-def test_notebooks_are_stored_without_outputs() -> None:
+def test_notebooks_can_be_read_without_being_run() -> None:
     files = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
     assert len(files) == 5
     for file in files:
-        for cell in json.loads(file.read_text())["cells"]:
-            assert not cell.get("outputs"), file
-            assert cell.get("execution_count") is None, file
+        text = file.read_text()
+        assert len(text) < 500_000, file
+        assert not re.search(r"/tmp/|/root/|/home/|/work/|\"stderr\"|\"traceback\"", text), file
+        cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+        assert sum(bool(cell["outputs"]) for cell in cells) > len(cells) / 2, file
 
 
 def test_a_folder_that_is_called_like_shipped_weights_does_not_replace_them(tmp_path, monkeypatch) -> None:
