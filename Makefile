@@ -16,11 +16,10 @@ check:
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -m "not robustness and not real_data and not browser and not render and not rl"
-	OMP_NUM_THREADS=1 NSDR_NOTEBOOK_VIDEOS=2 $(BIN)/pytest -n 2 --nbmake notebooks
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -m "not robustness and not docs and not real_data and not browser and not render and not rl"
 
 robustness: .venv/installed-dev
-	OMP_NUM_THREADS=1 $(BIN)/pytest -m robustness
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -m robustness
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.robustness.campaign
 
 # Needs Chromium: .ci/install-browser.
@@ -48,8 +47,11 @@ WHAT ?= weights
 weights: .venv/installed-dev
 	OMP_NUM_THREADS=1 $(MAKE) -f configs/weights.mk $(WHAT) NSDR=$(BIN)/nsdr
 
-docs: .venv/installed-docs
+# Builds the site, and runs the commands and examples of its pages, and the notebooks.
+docs: .venv/installed-docs .venv/installed-dev
 	$(BIN)/mkdocs build --strict --site-dir site
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -m docs
+	OMP_NUM_THREADS=1 NSDR_NOTEBOOK_VIDEOS=2 $(BIN)/pytest -n 2 --nbmake notebooks
 
 # What is published: an sdist and, built from it, a wheel.
 wheel: .venv/installed-release

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from pycocotools import mask as rle
 
-from nsdr import Event, Scene, SceneObject, load
+from nsdr import Event, Pipeline, Scene, SceneObject, load
 from nsdr.clevrer.example import TRUTH, VIDEO
 from nsdr.io.video import read_video, write_video
+from nsdr.pipeline import Perception
 from nsdr.symbolic import Executor
 from nsdr.tracking.localization import outline
 from nsdr.world.vocabulary import COLORS_RGB
@@ -35,6 +36,17 @@ def short_video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("short") / "short.mp4"
     write_video(path, read_video(VIDEO)[:48], crf=10, preset="veryfast")
     return path
+
+
+@pytest.fixture(scope="session")
+def pipeline() -> Pipeline:
+    return Pipeline.from_pretrained(device="cpu")
+
+
+@pytest.fixture(scope="session")
+def perception(pipeline: Pipeline) -> Perception:
+    """What the pipeline finds in the example."""
+    return pipeline.perceive(VIDEO)
 
 
 @pytest.fixture

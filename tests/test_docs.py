@@ -137,6 +137,7 @@ def kept_pipelines() -> Iterator[None]:
         yield
 
 
+@pytest.mark.docs
 @pytest.mark.parametrize(("page", "command"), RUNNABLE, ids=[c for _, c in RUNNABLE])
 def test_commands_run_and_print_what_the_page_says(
     page: str, command: str, kept_pipelines, tmp_path, monkeypatch, capsys
@@ -158,6 +159,7 @@ def examples(page: str) -> list[tuple[str, str | None]]:
     return [(code, output or None) for code, output in found if NEEDS_MORE not in code]
 
 
+@pytest.mark.docs
 @pytest.mark.parametrize("page", EXAMPLES)
 def test_examples_print_what_the_page_says(page: str, kept_pipelines, monkeypatch) -> None:
     monkeypatch.chdir(ROOT)

@@ -25,6 +25,7 @@ def differs(setting: Setting) -> Result:
     return "1 of 2 answers differ", False
 
 
+@pytest.mark.robustness
 def test_rows_go_on_after_a_failure_and_the_death_of_their_process(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(
         gpu,
@@ -62,6 +63,7 @@ def test_unknown_devices_and_rows_are_refused(tmp_path: Path, capsys) -> None:
         assert message in capsys.readouterr().err
 
 
+@pytest.mark.robustness
 def test_a_resumed_run_is_compared_with_the_whole_one(tmp_path: Path) -> None:
     text, is_well = resumed(Setting(SIMULATED, tmp_path, small=True), "question-parser")
     assert (text, is_well) == ("losses of 4 steps within 0", True)

@@ -95,6 +95,7 @@ def folder(tmp_path_factory) -> Iterator[Path]:
         yield place
 
 
+@pytest.mark.docs
 @pytest.mark.filterwarnings("default:.*(resized to 480x320|CLEVRER's videos have 128):UserWarning")
 @pytest.mark.parametrize("page", PAGES)
 def test_commands_of_guides_run(page: str, folder: Path) -> None:

@@ -46,6 +46,7 @@ def functions(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.robustness
 def test_changes_in_other_files_are_seen(functions: Path) -> None:
     assert python(CALL, functions).split()[:2] == ["4.0", "0"]
     (functions / "constants.py").write_text("FACTOR = 3.0\n")
@@ -54,6 +55,7 @@ def test_changes_in_other_files_are_seen(functions: Path) -> None:
     assert python(CALL, functions).split()[:2] == ["9.0", "0"]
 
 
+@pytest.mark.robustness
 def test_a_read_only_installation_compiles_into_the_users_cache(functions: Path) -> None:
     (functions / "__pycache__").write_text("in place of a folder that cannot be written")
     value, _, path = python(CALL, functions, XDG_CACHE_HOME=str(functions / "home")).split()
@@ -62,6 +64,7 @@ def test_a_read_only_installation_compiles_into_the_users_cache(functions: Path)
     assert python(CALL, functions, XDG_CACHE_HOME=str(functions / "home")).split()[:2] == ["4.0", "1"]
 
 
+@pytest.mark.robustness
 def test_without_any_folder_to_write_it_compiles_and_says_so_once(functions: Path) -> None:
     for name in ("__pycache__", "home"):
         (functions / name).write_text("in place of a folder that cannot be written")
@@ -77,11 +80,13 @@ def test_without_any_folder_to_write_it_compiles_and_says_so_once(functions: Pat
     assert "NUMBA_CACHE_DIR" in note
 
 
+@pytest.mark.robustness
 def test_a_full_disk_costs_the_cache_only(functions: Path) -> None:
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10)); "
     assert python(limit + CALL, functions, NUMBA_CACHE_DIR=str(functions / "cache")).split()[:2] == ["4.0", "0"]
 
 
+@pytest.mark.robustness
 def test_the_simulators_caches_depend_on_the_constants(tmp_path: Path) -> None:
     def files(name: str, value: str) -> dict[str, str]:
         text = python(NAMES.format(name=name, value=value), tmp_path, NUMBA_CACHE_DIR=str(tmp_path))

@@ -192,6 +192,7 @@ def test_unknown_engines_are_refused() -> None:
         list(run_tasks(double, [1], engine="grid"))
 
 
+@pytest.mark.robustness
 @pytest.mark.filterwarnings("ignore")
 def test_ray_does_a_lost_nodes_tasks_again(tmp_path) -> None:
     import ray
@@ -230,6 +231,7 @@ def test_ray_does_a_lost_nodes_tasks_again(tmp_path) -> None:
         cluster.shutdown()
 
 
+@pytest.mark.robustness
 @pytest.mark.filterwarnings("ignore")
 def test_ray_works_in_the_programs_folder_and_ends_what_nobody_waits_for(tmp_path, monkeypatch) -> None:
     import ray

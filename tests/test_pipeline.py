@@ -33,16 +33,6 @@ from nsdr.pipeline import Perception
 from nsdr.types import DynamicsPrediction
 
 
-@pytest.fixture(scope="module")
-def pipeline() -> Pipeline:
-    return Pipeline.from_pretrained()
-
-
-@pytest.fixture(scope="module")
-def perception(pipeline: Pipeline) -> Perception:
-    return pipeline.perceive(VIDEO)
-
-
 def test_the_clips_objects_are_found(perception: Perception, example_scene: Scene) -> None:
     assert {o.name for o in perception.scene.objects} == {o.name for o in example_scene.objects}
     assert perception.scene.n_frames == 128

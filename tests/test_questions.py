@@ -86,9 +86,9 @@ def test_questions_follow_the_rules_of_the_release(scenes, generated) -> None:
 
 
 def test_generation_is_deterministic(scenes) -> None:
-    once, again = (list(generate_questions(scenes[:4])) for _ in range(2))
+    once, again = (list(generate_questions(scenes[:2])) for _ in range(2))
     assert once == again
-    assert list(generate_questions(scenes[:4], QuestionConfig(seed=1))) != once
+    assert list(generate_questions(scenes[:2], QuestionConfig(seed=1))) != once
 
 
 def test_plain_questions_are_about_objects_alone_and_follow_clevrers(scenes, generated) -> None:
@@ -195,6 +195,7 @@ def many_scenes(n: int) -> list[tuple[int, str, Scene]]:
     return result
 
 
+@pytest.mark.robustness
 def test_answers_are_balanced_within_each_type(many_candidates) -> None:
     questions = list(select_questions(many_candidates, QuestionConfig()))
     counts = count_questions(questions)
@@ -213,6 +214,7 @@ def test_answers_are_balanced_within_each_type(many_candidates) -> None:
     assert rows["predictive"] == (0.5, 0.0)
 
 
+@pytest.mark.robustness
 def test_the_form_of_a_question_does_not_tell_its_answer(many_candidates) -> None:
     answers: dict[tuple[str, str], Counter[str]] = {}
     for scene in select_questions(many_candidates, QuestionConfig()):
@@ -226,6 +228,7 @@ def test_the_form_of_a_question_does_not_tell_its_answer(many_candidates) -> Non
         assert guessed < even + 0.05, subtype
 
 
+@pytest.mark.robustness
 def test_not_says_nothing_about_how_many_options_are_correct(many_candidates) -> None:
     numbers: dict[bool, Counter[int]] = {False: Counter(), True: Counter()}
     for scene in select_questions(many_candidates, QuestionConfig({"explanatory": 1.68})):

@@ -119,6 +119,7 @@ def test_limits_end_with_an_error(used: Used) -> None:
     assert current() == (3, 3)
 
 
+@pytest.mark.robustness
 @pytest.mark.parametrize(
     ("own", "policy"), [({}, "PASSIVE"), ({"OMP_WAIT_POLICY": "ACTIVE"}, "ACTIVE"), ({"GOMP_SPINCOUNT": "1000"}, "")]
 )
@@ -140,6 +141,7 @@ def test_available_cores_are_those_of_the_affinity() -> None:
     assert available_cores() <= len(os.sched_getaffinity(0))
 
 
+@pytest.mark.robustness
 def test_a_pipeline_runs_without_torchs_compiler() -> None:
     code = (
         "import sys, numpy as np, nsdr; pipeline = nsdr.Pipeline.from_pretrained(device='cpu'); "

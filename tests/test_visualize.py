@@ -33,9 +33,8 @@ from nsdr.world.vocabulary import COLORS
 
 
 @pytest.fixture(scope="module")
-def perceived():
-    pipeline = Pipeline.from_pretrained()
-    return read_video(VIDEO), pipeline.perceive(VIDEO)
+def perceived(perception: Perception):
+    return read_video(VIDEO), perception
 
 
 def test_names_are_loaded_when_first_used() -> None:
@@ -298,7 +297,7 @@ def test_judged_videos_are_reported_worst_first(perceived, tmp_path) -> None:
 def test_report_of_judged_videos_holds_the_videos_within_a_limit(perceived, tmp_path) -> None:
     """The second one is noise, which cannot be compressed, and much longer than a clip."""
     frames, p = perceived
-    noise = np.random.default_rng(0).integers(0, 255, (600, 320, 480, 3), np.uint8)
+    noise = np.random.default_rng(0).integers(0, 255, (600, 160, 240, 3), np.uint8)
 
     class Judged:
         tracker, camera = TrackerConfig(), CLEVRER_CAMERA

@@ -22,17 +22,11 @@ from nsdr import (
     QuestionParser,
     load_backend,
 )
-from nsdr.clevrer.example import VIDEO
 from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.velocity_events import VelocityEvents
 from nsdr.io.checkpoint import SCORES, find_checkpoint, load_description
 from nsdr.pipeline import Perception
 from nsdr.tracking import TrackerConfig
-
-
-@pytest.fixture(scope="module")
-def perception() -> Perception:
-    return Pipeline.from_pretrained(device="cpu").perceive(VIDEO)
 
 
 class Still:

@@ -45,10 +45,12 @@ def run(environment: dict[str, str], *arguments: object) -> str:
     return done.stdout
 
 
+@pytest.mark.robustness
 def test_every_module_imports(environment) -> None:
     run(environment, "-c", ALL_MODULES)
 
 
+@pytest.mark.robustness
 def test_commands_work(environment, tmp_path) -> None:
     nsdr_command = ("-m", "nsdr.cli.main")
     assert "parse" in run(environment, *nsdr_command, "--help")
@@ -60,6 +62,7 @@ def test_commands_work(environment, tmp_path) -> None:
     assert run(environment, "-c", "import os; print(hasattr(os, 'fork'))") == "False\n"
 
 
+@pytest.mark.robustness
 def test_jobs_run_on_two_processes(environment, tmp_path) -> None:
     code = (
         "from pathlib import Path; from nsdr.io.files import write_json; from nsdr.io.jobs import Job, run_jobs\n"
