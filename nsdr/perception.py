@@ -12,7 +12,7 @@ from nsdr.world.camera import CLEVRER_CAMERA, Camera
 
 @dataclass(frozen=True)
 class Perception:
-    """Everything that was found out about a video; stages that were given or skipped are None."""
+    """Everything that was found out about a video; stages that were given or skipped are None. Printed, it is its scene."""
 
     proposals: VideoProposals | None
     tracks: VideoTracks | None
@@ -23,6 +23,9 @@ class Perception:
     def camera(self) -> Camera:
         """The camera that took the video. It is CLEVRER's if there is no explanation."""
         return CLEVRER_CAMERA if self.explanation is None else self.explanation.camera
+
+    def __str__(self) -> str:
+        return str(self.scene)
 
 
 def check_tracks(tracks: VideoTracks, config: TrackerConfig, refuses_speeds: bool, name: str) -> None:

@@ -251,6 +251,20 @@ def test_differences_and_probabilities(simulated) -> None:
     }
 
 
+def test_simulations_and_rollouts_are_printed_in_words(simulated) -> None:
+    simulation = simulated(Freeze("cylinder"))
+    head, *lines = str(simulation).splitlines()
+    assert head == "from frame 0: the blue rubber cylinder fixed to the ground"
+    assert lines == [f"  {simulation.describe(change)}" for change in simulation.differences()]
+    gone = next(e for e in simulation.original.collisions if e.objects == (1, 2))
+    said = f"  no longer: the blue rubber cylinder and the red rubber cube collide (frame {gone.frame}, <1 %)"
+    assert said in lines
+    assert str(simulated(SetMass(0, 1.0))).splitlines()[1:] == ["  nothing else changes"]
+    rollout = simulation.original
+    assert str(rollout).splitlines()[0] == "85 frames, 3 objects"
+    assert f"  object 1 and object 2 collide (frame {gone.frame})" in str(rollout).splitlines()
+
+
 @pytest.mark.parametrize(
     ("changes", "from_frame", "message"),
     [
@@ -363,6 +377,9 @@ def test_backends_without_interventions_remove_one_object(backend: PhysicsPredic
 def test_a_pipeline_simulates_with_its_backend(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
     pipeline = Pipeline(SimpleNamespace(), backend, None)  # type: ignore[arg-type]
     simulation = pipeline.simulate(tracks, [Freeze("cylinder")])
+    assert simulation.changed.visible.shape[1] == 85
+    longer = pipeline.simulate(tracks, [Freeze("cylinder")], frames=200)
+    assert longer.original.visible.shape == longer.changed.visible.shape == (3, 200)
     assert simulation.interventions == (Freeze("blue rubber cylinder"),)
     alone = simulate(backend.explain(states_from_tracks(tracks)), [Freeze(1)])
     assert (simulation.events, simulation.changed) == (alone.events, alone.changed)
@@ -484,8 +501,8 @@ def test_the_command_writes_a_report_a_video_and_json(
     class Made:
         camera = CLEVRER_CAMERA
 
-        def simulate(self, video, interventions, from_frame):
-            assert (interventions, from_frame) == ([Freeze("cylinder")], 0)
+        def simulate(self, video, interventions, from_frame, frames):
+            assert (interventions, from_frame, frames) == ([Freeze("cylinder")], 0, None)
             return simulation
 
         def frames(self, video, note):

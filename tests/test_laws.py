@@ -28,7 +28,6 @@ from nsdr.laws.presence import renamed
 from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals, VideoTracks, Violation
-from nsdr.visualize.event_words import violation_text
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.vocabulary import attribute_index
 
@@ -213,7 +212,10 @@ def test_a_new_look_is_reported_where_it_begins_however_long_it_is_seen(changes:
     (found,) = judge(replace(proposals, attribute=attribute)).violations
     assert (found.law, found.looks) == ("identity", (name, other))
     assert abs(found.frame - changes) <= 2
-    assert f"was {color}, is {other.split()[0]}" in violation_text(found, judge(proposals).objects)
+    head, line = str(judge(replace(proposals, attribute=attribute))).splitlines()
+    assert head.startswith("probability that a law is broken: ")
+    assert line.startswith(f"  frame {found.frame}: identity, the ")
+    assert f"was {color}, is {other.split()[0]}" in line
 
 
 def converted(proposals: VideoProposals, original: np.ndarray) -> VideoProposals:
@@ -275,7 +277,7 @@ def test_a_pause_is_one_violation_and_none_where_nothing_should_move(pair_of_pro
     original = np.concatenate([np.arange(50), np.full(14, 50), np.arange(50, 114)])
     (found,) = judge(converted(proposals, original)).violations
     assert (found.law, found.frame, found.end) == ("standstill", 50, 65)
-    assert "time stands still from frame 50 to 64" in violation_text(found, judge(proposals).objects)
+    assert "time stands still from frame 50 to 64" in judge(proposals).describe(found)
     still = judge(converted(proposals, np.full(128, 50)))
     assert not still.violations
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from nsdr.apps.clips import Clip
 from nsdr.types import Answer, ChoiceAnswer, Scene, Simulation, TraceStep
 from nsdr.types.answers import format_probability
-from nsdr.visualize.event_words import change_text, interventions_text
 from nsdr.visualize.html_parts import notes_html, steps_html, thumbnail, why_html
 from nsdr.visualize.violations import VIOLATIONS_STYLE
 
@@ -128,9 +127,9 @@ def _frames(judged: Answer | ChoiceAnswer, clip: Clip, frames: NDArray[np.uint8]
 
 def difference_panel(simulation: Simulation, clip: Clip) -> str:
     """What was changed in a clip, and what happens differently, with probabilities."""
-    lines = [f"<li>{html.escape(change_text(simulation, change))}" for change in simulation.differences()]
+    lines = [f"<li>{html.escape(simulation.describe(change))}" for change in simulation.differences()]
     what = "".join(lines) or "<li>nothing else changes"
-    head = html.escape(interventions_text(simulation))
+    head = html.escape(simulation.heading)
     notes = notes_html(simulation.notes, known=clip.perception.scene.notes)
     return f"<div class=panel><p><b>{head[:1].upper()}{head[1:]}</b></p><ul>{what}</ul>{notes}</div>"
 

@@ -66,17 +66,13 @@ def judge(options: Any) -> int:
 
 
 def _print_judgement(row: dict[str, Any]) -> None:
-    from nsdr.types.answers import percent
-    from nsdr.visualize.event_words import violation_text
     from nsdr.visualize.violations import judgement_of_row
 
     if "error" in row:
         print(f"not judged: {row['error']}", flush=True)
         return
     found = judgement_of_row(row)
-    print(f"{row['video']}: probability that a law is broken: {percent(found.probability)}", flush=True)
-    for v in found.violations:
-        print(f"  {violation_text(v, found.objects)}")
+    print(f"{row['video']}: {found}", flush=True)
     print_notes(found.notes, row["video"])
 
 

@@ -9,9 +9,11 @@ from typing import Protocol
 from nsdr.dynamics.interventions import resolve
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.errors import DataError
+from nsdr.io.limits import check_limit
 from nsdr.io.registry import checked_result
 from nsdr.types import DynamicsPrediction, Event, ObjectPhysics, Remove, Rollout, SceneObject
 from nsdr.types.interventions import Intervention
+from nsdr.validation import expect
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.physics_constants import horizon_frame
 
@@ -79,12 +81,16 @@ class Explanation(ABC):
         Args:
             changes: interventions; none for the video as it is.
             from_frame: frame of the video at which the interventions happen.
-            frames: number of frames of the rollout; None for the horizon of CLEVRER's predictive questions
-                (`nsdr.world.physics_constants.horizon_frame`).
+            frames: number of frames of the rollout, which has at least those of the video; None for the horizon of CLEVRER's
+                predictive questions (`nsdr.world.physics_constants.horizon_frame`): 180 for a video of 128 frames.
 
         Raises:
-            DataError: a change concerns an object that is not there or is impossible, or two changes contradict each other.
+            DataError: a change concerns an object that is not there or is impossible, two changes contradict each other, or
+                `frames` is no number or too large.
         """
+        if frames is not None:
+            expect(isinstance(frames, int), "frames", "a number of frames", repr(frames))
+            check_limit(frames, "frames", "the rollout")
         if not changes and not from_frame and frames is None:
             return self.observed
         if changes != () or from_frame:

@@ -16,13 +16,16 @@ from nsdr.types.interventions import Intervention
 from nsdr.world.camera import Camera
 
 
-def simulate(explanation: Explanation, interventions: Sequence[Intervention], from_frame: int = 0) -> Simulation:
+def simulate(
+    explanation: Explanation, interventions: Sequence[Intervention], from_frame: int = 0, frames: int | None = None
+) -> Simulation:
     """Simulate a video with interventions and without them.
 
     Args:
         explanation: explanation of the video.
         interventions: changes of the scene, all at `from_frame`.
         from_frame: frame of the video at which the interventions happen.
+        frames: number of frames of both rollouts, as in `Explanation.rollout`.
 
     Raises:
         DataError: no object or several objects fit the words, an intervention is impossible (the message has the numbers), or
@@ -32,9 +35,9 @@ def simulate(explanation: Explanation, interventions: Sequence[Intervention], fr
     changes = resolve(interventions, old, explanation.observed.visible[:, :n_frames], from_frame)
     if not changes:
         raise DataError("interventions: expected at least one, such as [nsdr.Remove('red cube')], got none")
-    changed = explanation.rollout(changes, from_frame)
+    changed = explanation.rollout(changes, from_frame, frames)
     objects, ids = with_added(old, changes), changed_ids(changes, old)
-    original = _with_absent(explanation.rollout(from_frame=from_frame), len(objects) - len(old))
+    original = _with_absent(explanation.rollout((), from_frame, frames), len(objects) - len(old))
     removed = {i for i, change in zip(ids, changes, strict=True) if isinstance(change, Remove)}
     placed = {i for i, change in zip(ids, changes, strict=True) if isinstance(change, Remove | Move | Add)}
 

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 from nsdr.types import Event, Scene
-from nsdr.types.answers import percent
 from nsdr.types.events import event_sentence
-from nsdr.types.simulations import compared
+from nsdr.types.simulations import compared, event_details
 
 
 def event_lines(scene: Scene, events: Sequence[Event]) -> list[str]:
@@ -47,9 +46,5 @@ def description(scene: Scene, objects: Sequence[int], events: Sequence[Event]) -
 
 
 def _line(scene: Scene, event: Event, probability: float | None = None, instead_of: int | None = None) -> str:
-    text = event_sentence(event, [f"the {o.name}" for o in scene.objects])
-    if event.frame >= scene.n_frames:
-        text = text.replace("(frame", "(about frame")
-    details = "" if instead_of is None else f" instead of {instead_of}"
-    details += "" if probability is None else f", {percent(probability)}"
-    return f"{text[:-1]}{details})" if details else text
+    text = event_sentence(event, [f"the {o.name}" for o in scene.objects], event_details(instead_of, probability))
+    return text if event.frame < scene.n_frames else text.replace("(frame", "(about frame")

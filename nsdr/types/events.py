@@ -38,10 +38,21 @@ class Event(Checked):
         expect(fits, f"Event.objects of {self.kind}", f"{n} ascending object ids", self.objects)
 
 
-def event_sentence(event: Event, names: Sequence[str]) -> str:
-    """An event as a sentence, such as "red metal cube enters (frame 12)"; `names` are those of the scene's objects."""
-    what = VERBS[event.kind].format(*[names[i] for i in event.objects]) if event.objects else event.kind
-    return what if event.frame < 0 else f"{what} (frame {event.frame})"
+def event_sentence(event: Event, names: Sequence[str], details: str = "") -> str:
+    """An event as a sentence, such as "red metal cube enters (frame 12)".
+
+    Args:
+        event: the event.
+        names: names of the scene's objects.
+        details: what follows the frame, such as ", 84 %".
+    """
+    what = event_phrase(event, names)
+    return what if event.frame < 0 else f"{what} (frame {event.frame}{details})"
+
+
+def event_phrase(event: Event, names: Sequence[str]) -> str:
+    """An event without its frame, such as "red metal cube enters"; `names` are those of the scene's objects."""
+    return VERBS[event.kind].format(*[names[i] for i in event.objects]) if event.objects else event.kind
 
 
 def in_order(events: Iterable[Event]) -> tuple[Event, ...]:

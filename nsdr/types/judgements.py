@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+from nsdr.types.answers import percent
 from nsdr.types.tracks import SceneObject
 from nsdr.validation import Checked, Count, PositiveCount, Share, expect, one_of
 
@@ -19,11 +20,26 @@ LAWS = {
     "standstill": "Time does not stand still.",
 }
 """What each law says. Violations are reported in this order."""
+AMOUNTS = {
+    "permanence": "missing for {:.0f} frames",
+    "identity": "attributes that differ: {:.0f}",
+    "continuity": "a jump of {:.2f} world units",
+    "inertia": "a change of velocity of {:.2f} world units/s",
+    "friction": "a deceleration that differs by {:+.2f} world units/s²",
+    "solidity": "{:.2f} world units from centre to centre",
+    "reaction": "as if with a restitution of {:.2f}",
+    "distance": "{:.2f} world units before they touch",
+    "arrow": "backwards it fits better by {:.0f} nats",
+    "standstill": "the same picture for {:.0f} frames",
+}
+"""What `Violation.amount` says, by law."""
+OF_ALL = ("arrow", "standstill")
+"""Laws that all objects break together."""
 
 
 @dataclass(frozen=True)
 class Violation(Checked):
-    """One law broken in a video.
+    """One law broken in a video. `Judgement.describe` puts it in words.
 
     Attributes:
         law: one of `LAWS`.
@@ -49,7 +65,7 @@ class Violation(Checked):
 
 @dataclass(frozen=True)
 class Judgement(Checked):
-    """What a video breaks.
+    """What a video breaks. Printed, it is the probability that a law is broken, and a line for each violation.
 
     Attributes:
         objects: what was seen.
@@ -69,3 +85,19 @@ class Judgement(Checked):
         super().__post_init__()
         for v in self.violations:
             expect(max(v.objects) < len(self.objects), "Judgement.violations", "objects of the video", v.objects)
+
+    def describe(self, violation: Violation) -> str:
+        """For example "frame 43: identity, the red metal cube (was brown, is red; attributes that differ: 1, 98 %)"."""
+        v, what = violation, AMOUNTS[violation.law].format(violation.amount)
+        which = "all objects" if v.law in OF_ALL else " and ".join(f"the {self.objects[i].name}" for i in v.objects)
+        if v.law == "standstill":
+            what = f"time stands still from frame {v.frame} to {v.end - 1}"
+        if v.looks:
+            before, after = (look.split() for look in v.looks)
+            was, now = (" ".join(w for w in a if w not in b) for a, b in ((before, after), (after, before)))
+            what = f"was {was}, is {now}; {what}"
+        return f"frame {v.frame}: {v.law}, {which} ({what}, {percent(v.probability)})"
+
+    def __str__(self) -> str:
+        head = f"probability that a law is broken: {percent(self.probability)}"
+        return "\n".join([head, *(f"  {self.describe(v)}" for v in self.violations)])

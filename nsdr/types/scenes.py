@@ -51,6 +51,8 @@ class UncertainEvent(Checked):
 class Rollout(ArrayHolder):
     """Trajectories and collisions of all objects, either as observed and predicted or with one object removed.
 
+    Printed, it is its size and its collisions, with ids: a rollout knows no names.
+
     Attributes:
         location_world: (n_objects, F, 2) float, ground-plane positions (x, y) (world units); NaN where absent or unknown.
         visible: (n_objects, F) bool, whether the object is in the image.
@@ -84,6 +86,11 @@ class Rollout(ArrayHolder):
         They may lie outside of the image; NaN where the position is not known, or behind the camera.
         """
         return camera.pixels(self.location_world)
+
+    def __str__(self) -> str:
+        n, frames = self.visible.shape
+        names = [f"object {i}" for i in range(n)]
+        return "\n".join([f"{frames} frames, {n} objects", *(f"  {event_sentence(e, names)}" for e in self.collisions)])
 
 
 def yaws(rollout: Rollout) -> FloatArray:

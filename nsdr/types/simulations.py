@@ -3,9 +3,10 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from nsdr.types.answers import percent
 from nsdr.types.arrays import ArrayHolder
-from nsdr.types.events import Event
-from nsdr.types.interventions import Intervention
+from nsdr.types.events import Event, event_sentence
+from nsdr.types.interventions import Intervention, intervention_text
 from nsdr.types.scenes import Rollout, Scene
 from nsdr.types.tracks import SceneObject, check_objects
 from nsdr.validation import Checked, Count, PositiveCount, Share, expect
@@ -14,7 +15,7 @@ from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
 @dataclass(frozen=True)
 class EventChange(Checked):
-    """How an event differs in the changed world.
+    """How an event differs in the changed world. `Simulation.describe` puts it in words.
 
     Attributes:
         kind: "no longer", "new" or "other frame".
@@ -33,7 +34,8 @@ class EventChange(Checked):
 class Simulation(ArrayHolder):
     """A video and what follows it, as it is and with interventions. Ids are those of `objects` everywhere but in `scene`.
 
-    A pair's first collision after the intervention is reported, not its repetitions.
+    Printed, it is what was changed, and a line for each event that differs. A pair's first collision after the intervention is
+    reported, not its repetitions.
 
     Attributes:
         objects: identities: the video's, then the added ones.
@@ -97,6 +99,21 @@ class Simulation(ArrayHolder):
         ]
         return tuple(changes)
 
+    def describe(self, change: EventChange) -> str:
+        """A difference in words, such as "no longer: the red cube and the blue sphere collide (frame 48, <1 %)"."""
+        names = [f"the {o.name}" for o in self.objects]
+        before = change.before if change.kind == "other frame" else None
+        return f"{change.kind}: {event_sentence(change.event, names, event_details(before, change.probability))}"
+
+    @property
+    def heading(self) -> str:
+        """What was changed, such as "from frame 20: without the red metal cube"."""
+        return f"from frame {self.from_frame}: {'; '.join(map(intervention_text, self.interventions))}"
+
+    def __str__(self) -> str:
+        lines = [self.describe(change) for change in self.differences()] or ["nothing else changes"]
+        return "\n".join([self.heading, *(f"  {line}" for line in lines)])
+
     def _probability(self, event: Event) -> float | None:
         """That an event like this happens in the changed world."""
         known = self.probabilities
@@ -105,6 +122,12 @@ class Simulation(ArrayHolder):
         like = {e: p for e, p in known.items() if (e.kind, e.objects) == (event.kind, event.objects)}
         later = [p for e, p in like.items() if e.frame >= self.from_frame]
         return known.get(event, later[-1] if later else 0.0)
+
+
+def event_details(before: int | None, probability: float | None) -> str:
+    """What follows the frame of an event, such as " instead of 92, 97 %"; nothing for None."""
+    frame = "" if before is None else f" instead of {before}"
+    return frame + ("" if probability is None else f", {percent(probability)}")
 
 
 def compared(original: Iterable[Event], changed: Iterable[Event]) -> list[tuple[str, Event, int | None]]:

@@ -12,7 +12,6 @@ from nsdr.dynamics.simulation import simulate
 from nsdr.pipeline import Perception
 from nsdr.types import Answer, Remove
 from nsdr.visualize.annotate import STROBE_EVERY, stroboscopic_image, write_annotated_video
-from nsdr.visualize.event_words import change_text
 from nsdr.visualize.figures import figure_png, plan_figure
 from nsdr.visualize.html_parts import (
     answer_html,
@@ -90,7 +89,7 @@ def _removals(perception: Perception, answers: Sequence[Answer]) -> str:
         simulation = simulate(explanation, [Remove(i)])
         last = simulation.changed.visible.shape[1] - 1
         plan = draw_plan(simulation.objects, simulation.changed, last, simulation.original, perception.camera)
-        lines = [f"<li>{html.escape(change_text(simulation, change))}" for change in simulation.differences()]
+        lines = [f"<li>{html.escape(simulation.describe(change))}" for change in simulation.differences()]
         cells.append(
             f"<div><h3>Without the {explanation.objects[i].name}</h3><img alt='from above' src='{data_uri(jpeg(plan))}'>"
             f"<ul>{''.join(lines) or '<li>nothing else changes'}</ul></div>"

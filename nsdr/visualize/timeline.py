@@ -10,7 +10,7 @@ from nsdr.pipeline import Perception
 from nsdr.symbolic.causal import direct_causes
 from nsdr.types import Event, Rollout, Scene, SceneObject
 from nsdr.types.answers import percent
-from nsdr.visualize.event_words import event_text
+from nsdr.types.events import event_phrase
 from nsdr.visualize.html_parts import data_uri, jpeg, thumbnail
 from nsdr.visualize.plan_frames import draw_plan
 from nsdr.world.physics_constants import FPS, horizon_frame
@@ -93,7 +93,7 @@ def _event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video
     cards = []
     for number, event in enumerate([*scene.events, *(scene.predicted or ())]):
         later = event.frame >= scene.n_frames
-        text = html.escape(event_text(event, scene.objects) + _probability(event, scene))
+        text = html.escape(_words(event, scene))
         when = f"about frame {event.frame}, predicted" if later else f"frame {event.frame}"
         click = "" if later else _seek(event.frame, video)
         image = event_picture(event, perception, frames, simulated)
@@ -155,8 +155,7 @@ def _mark(event: Event, number: int, perception: Perception, video: str) -> str:
         shape += "".join(f"<circle cx={x} cy={y} r=5 />" for y in lanes)
     else:  # an arrow into the lane or out of it
         shape = f"<path d='M{x - 5} {top - 6}L{x + 5} {top}L{x - 5} {top + 6}z' />"
-    words = event_text(event, scene.objects) + _probability(event, scene)
-    title = html.escape(f"frame {event.frame}: {words}")
+    title = html.escape(f"frame {event.frame}: {_words(event, scene)}")
     point = "this.closest('.timeline').querySelector('[data-event=&quot;%d&quot;]').classList.%s('marked')"
     hover = f' onmouseover="{point % (number, "add")}" onmouseout="{point % (number, "remove")}"'
     click = _seek(event.frame, video) if event.frame < scene.n_frames else ""
@@ -194,10 +193,10 @@ def seek_script(frame: int, video: str) -> str:
     return f"const v=document.querySelector('{video}');if(v){{{move}}}"
 
 
-def _probability(event: Event, scene: Scene) -> str:
-    """How probable an uncertain event is, as " (77 %)"; "" where nothing is known against it."""
+def _words(event: Event, scene: Scene) -> str:
+    """An event in words; one that is uncertain with how probable it is: "the red cube and the blue sphere collide (77 %)"."""
     known = [d.probability for d in scene.uncertain or () if d.removed is None and d.event == event]
-    return f" ({percent(known[0])})" if known else ""
+    return event_phrase(event, [f"the {o.name}" for o in scene.objects]) + (f" ({percent(known[0])})" if known else "")
 
 
 def event_picture(

@@ -20,8 +20,8 @@ from nsdr.pipeline import Pipeline
 from nsdr.tracking.tracker import track
 from nsdr.types import LAWS, Judgement, VideoTracks, Violation
 from nsdr.types.answers import percent
+from nsdr.types.judgements import OF_ALL
 from nsdr.validation import convert
-from nsdr.visualize.event_words import OF_ALL, violation_text
 from nsdr.visualize.html_parts import notes_html, thumbnail, video_html, write_page
 from nsdr.visualize.timeline import LANE_HEIGHT, TIMELINE_STYLE, frame_x, lanes_html, seek_script
 from nsdr.world.physics_constants import FPS
@@ -145,7 +145,7 @@ def judgement_html(judgement: Judgement, tracks: VideoTracks, frames: NDArray[np
     for number, v in enumerate(judgement.violations):
         seek = seek_script(v.frame, video) if video else ""
         marks.append(_mark(v, number, judgement, seek))
-        text = html.escape(violation_text(v, judgement.objects))
+        text = html.escape(judgement.describe(v))
         images = "".join(_picture(frames, f, tracks, v) for f in _frames_of(v, len(frames)))
         opened = " open" if not video or v.probability == most else ""
         details.append(
@@ -176,7 +176,7 @@ def _mark(v: Violation, number: int, judgement: Judgement, seek: str) -> str:
         shape += f"<rect class=broken x={x} y={y - 1.5} width={round(end - x, 1)} height=3 />"
         shape += f"<path class=broken d='M{x} {y - 7}l6 7l-6 7l-6 -7z' />"
     shape += f"<rect class=hit x={x - 7} y={top - 9} width=14 height={bottom - top + 18} />"
-    title = html.escape(violation_text(v, judgement.objects))
+    title = html.escape(judgement.describe(v))
     unfold = f"this.closest('.judged').querySelector('[data-violation=&quot;{number}&quot;]').open=true;{seek}"
     return f'<g class=event tabindex=0 role=button onclick="{unfold}"><title>{title}</title>{shape}</g>'
 
