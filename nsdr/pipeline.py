@@ -24,7 +24,7 @@ from nsdr.io.files import write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.images import Video, VideoSource, video_of
 from nsdr.io.notes import Note, distinct, unsaid
-from nsdr.io.registry import checked_result
+from nsdr.io.registry import check_part, checked_result
 from nsdr.io.stages import stage
 from nsdr.io.storage import load
 from nsdr.laws.judge import judge_proposals, judge_tracks
@@ -45,8 +45,12 @@ if TYPE_CHECKING:  # they load torch, and settings are checked without it
 
 __all__ = ["Perception", "Pipeline", "PipelineConfig", "judge", "pipeline_settings"]
 
-PARTS = ("frame_parser", "dynamics", "question_parser")
-"""Attributes of a pipeline that can be replaced by objects with the same method."""
+PARTS = {
+    "frame_parser": "parse(frames, progress=False) -> VideoProposals",
+    "dynamics": "explain(states, collisions=None) -> Explanation",
+    "question_parser": "parse(text, kind) -> Program",
+}
+"""Attributes of a pipeline that can be replaced by objects with the same method, which is named here."""
 KEPT_VIDEOS = 16
 """Perceptions that a pipeline keeps."""
 PARSER_SETTINGS = ("stride", "precision")
@@ -60,7 +64,7 @@ class Pipeline:
     kept, as long as no part is replaced.
 
     Args:
-        frame_parser: `parse(frames) -> VideoProposals`.
+        frame_parser: `parse(frames, progress=False) -> VideoProposals`.
         dynamics: `explain(MotionStates, collisions or None) -> Explanation`.
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
@@ -69,6 +73,9 @@ class Pipeline:
 
     Attributes:
         progress: whether stderr shows the stage and how far it is; False at first.
+
+    Raises:
+        DataError: a part has not its method, when it is given or assigned.
     """
 
     def __init__(
@@ -89,6 +96,11 @@ class Pipeline:
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
         self._kept_proposals: tuple[Any, tuple[VideoProposals, NDArray[np.floating[Any]]]] | None = None
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in PARTS:
+            check_part(name, value, PARTS[name])
+        super().__setattr__(name, value)
 
     def __repr__(self) -> str:
         parts = {name: described(getattr(self, name)) for name in PARTS}

@@ -91,6 +91,7 @@ def check_fields(owner: Any, where: str) -> None:
     try:
         msgspec.convert(vars(owner), struct)
     except msgspec.ValidationError:
+        _check_words(owner, where)
         convert(_plain(vars(owner)), struct, where)
     if arrays:
         _check_arrays(owner, arrays, where)
@@ -126,7 +127,8 @@ def one_of(words: Iterable[str]) -> Meta:
 
     A union of a text with a pattern and a list or mapping crashes msgspec 0.22.
     """
-    return Meta(pattern=f"^({'|'.join(map(re.escape, words))})$")
+    words = tuple(words)
+    return Meta(pattern=f"^({'|'.join(map(re.escape, words))})$", extra={"words": words})
 
 
 def shown(value: Any) -> str:
@@ -135,6 +137,14 @@ def shown(value: Any) -> str:
         return f"{SHORT.repr(value.item() if isinstance(value, np.generic) else value):.60}"
     except ValueError:  # more digits than Python prints
         return "a huge number"
+
+
+def _check_words(owner: Any, where: str) -> None:
+    """Refuse a text that is none of its field's words (`one_of`), and list them: msgspec's message shows a pattern."""
+    for name, hint in get_type_hints(type(owner), include_extras=True).items():
+        for rule in getattr(hint, "__metadata__", ()):
+            value, words = getattr(owner, name), (getattr(rule, "extra", None) or {}).get("words")
+            expect(not words or value in words, where + name, f"one of {', '.join(words or ())}", repr(value))
 
 
 @cache

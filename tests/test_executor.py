@@ -430,6 +430,17 @@ def test_candidates_are_read_by_what_is_asked_for(
     assert bool(executor.answer(program, candidates=unreadable).notes)
 
 
+def test_a_candidate_without_an_answer_says_what_is_expected(executor: Executor) -> None:
+    errors = {
+        "objects red filter_color count": "a number, such as 3",
+        "objects red filter_color exist": "yes or no",
+        f"{RED_CUBE} query_shape": "one shape: cube, sphere, cylinder",
+    }
+    for program, expected in errors.items():
+        (choice,) = executor.answer(program, candidates=["The zebra"]).choices
+        assert choice.error == f"says no answer that can be read; expected {expected}"
+
+
 @pytest.mark.parametrize("side", ["before", "after"])
 def test_of_what_is_simulated_only_collisions_are_known_before_or_after_an_event(small_scene: Scene, side: str) -> None:
     for events in ("unseen_events", f"events {RED_CUBE} get_counterfact"):

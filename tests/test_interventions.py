@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -324,7 +323,7 @@ def test_one_intervention_without_a_list_is_refused(simulated) -> None:
         (lambda: SetVelocity(0, vx=4, vy=4), "speed of up to 5"),
         (lambda: Move(0, x=1.0), "expected x and y, or dx and dy, got x"),
         (lambda: Move(0, x=15, y=0), "on the ground"),
-        (lambda: Add("red", "wood", "cube", 0, 0), "material`"),
+        (lambda: Add("red", "wood", "cube", 0, 0), "material: expected one of metal, rubber"),
         (lambda: Add("red", "metal", "cube", "1", 0), "Add: .*x`"),
         (lambda: Add("red", "metal", "cube", 0, 0, mass=0), "Add: .*mass`"),
     ],
@@ -358,7 +357,7 @@ def test_backends_without_interventions_remove_one_object(backend: PhysicsPredic
         def explain(self, states, collisions=None):
             return StoredExplanation(backend.explain(states, collisions).prediction, states.camera)
 
-    pipeline = Pipeline(SimpleNamespace(), Other(), None)  # type: ignore[arg-type]
+    pipeline = Pipeline(None, Other(), None)  # type: ignore[arg-type]
     simulation = pipeline.simulate(tracks, [Remove("metal")])
     assert pairs(simulation) == []
     np.testing.assert_array_equal(
@@ -375,7 +374,7 @@ def test_backends_without_interventions_remove_one_object(backend: PhysicsPredic
 
 
 def test_a_pipeline_simulates_with_its_backend(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
-    pipeline = Pipeline(SimpleNamespace(), backend, None)  # type: ignore[arg-type]
+    pipeline = Pipeline(None, backend, None)  # type: ignore[arg-type]
     simulation = pipeline.simulate(tracks, [Freeze("cylinder")])
     assert simulation.changed.visible.shape[1] == 85
     longer = pipeline.simulate(tracks, [Freeze("cylinder")], frames=200)

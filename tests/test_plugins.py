@@ -198,3 +198,28 @@ def test_the_documented_question_parser_answers_in_german(example_scene) -> None
     assert pipeline.answer(example_scene, "Wie viele Würfel gibt es?").answer == 2
     with pytest.raises(nsdr.QuestionError, match="Wie viele Kollisionen"):
         pipeline.answer(example_scene, "Was passiert?")
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "message"),
+    [
+        (
+            "question_parser",
+            lambda text, kind: None,
+            r"method parse\(text, kind\) -> Program, got a function without it",
+        ),
+        ("question_parser", nsdr.GrammarParser, "got the class GrammarParser; give an object of it"),
+        (
+            "dynamics",
+            nsdr.GrammarParser(),
+            r"dynamics: .* method explain\(states, collisions=None\) -> Explanation, got a Gra",
+        ),
+        ("frame_parser", object(), r"frame_parser: .* method parse\(frames, progress=False\) -> VideoProposals"),
+    ],
+)
+def test_parts_without_their_method_are_refused_when_they_are_given(part, value, message) -> None:
+    bare = nsdr.Pipeline(None, None, None)  # type: ignore[arg-type]
+    with pytest.raises(nsdr.DataError, match=message):
+        setattr(bare, part, value)
+    with pytest.raises(nsdr.DataError, match=message):
+        nsdr.Pipeline(**{"frame_parser": None, "dynamics": None, "question_parser": None, part: value})  # type: ignore[arg-type]

@@ -94,7 +94,7 @@ def test_an_error_of_the_parser_itself_is_not_taken_for_one_of_the_choice(small_
         return parser.parse(text, kind)
 
     pipeline = Pipeline(None, None, parser)  # type: ignore[arg-type]
-    monkeypatch.setattr(pipeline, "question_parser", type("Stub", (), {"parse": staticmethod(parse)}))
+    monkeypatch.setattr(pipeline, "question_parser", type("Stub", (), {"parse": staticmethod(parse)})())
     with pytest.raises(EndpointError, match=r"^no server$"):
         pipeline.answer(small_scene, "What will happen next?", ["the cube", "the sphere"])
 

@@ -13,6 +13,26 @@ GROUPS = ("nsdr.dynamics", "nsdr.scene_sources")
 """All groups of entry points."""
 
 
+def check_part(name: str, part: object, method: str) -> None:
+    """Refuse a part without its method, before it is used; None is no part, where it is not needed.
+
+    Args:
+        name: what the part is called.
+        part: an object, which may be another package's.
+        method: the method's signature, such as "parse(text, kind) -> Program".
+
+    Raises:
+        DataError: the part has no such method, or is a class; names the method.
+    """
+    if isinstance(part, type):
+        found = f"the class {part.__name__}; give an object of it"
+    elif part is None or callable(getattr(part, method.partition("(")[0], None)):
+        return
+    else:
+        found = f"a {type(part).__name__} without it"
+    raise DataError(f"{name}: expected an object with the method {method}, got {found} (docs/plugins.md)")
+
+
 def checked_result(value: Any, kind: type[T], part: object, method: str) -> T:
     """What a part's method returned, which may be another package's. Another kind of value raises `DataError`."""
     if not isinstance(value, kind):

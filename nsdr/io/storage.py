@@ -64,8 +64,10 @@ def save(path: str | Path, value: Any) -> None:
         value: an instance of a type of `nsdr.types`.
 
     Raises:
-        DataError: another file name extension, or a value of another type.
+        DataError: a path that is none, another file name extension, or a value of another type.
     """
+    if not isinstance(path, str | Path):
+        raise DataError(f"nsdr.save takes the path first: save(path, value); got a {type(path).__name__} as the path")
     path = Path(path)
     if type(value).__name__ not in _KINDS:
         raise DataError(f"cannot save a {type(value).__name__}; expected one of {', '.join(_KINDS)}")

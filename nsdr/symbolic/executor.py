@@ -16,7 +16,7 @@ from nsdr.symbolic.quantities import Simulate
 from nsdr.symbolic.telling import event_lines, lines_without
 from nsdr.symbolic.world import Boundary, World
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
-from nsdr.world.vocabulary import SPEED_UNIT
+from nsdr.world.vocabulary import ATTRIBUTES, SPEED_UNIT
 
 PREDICTIVE = ("unseen_events", "belong_to")
 """Program of every predictive question."""
@@ -24,6 +24,14 @@ OF_OBJECTS, OF_EVENTS = (Kind.OBJECTS, Kind.OBJECT), (Kind.EVENTS, Kind.EVENT)
 """Types of values that hold objects, and of those that hold events."""
 SIMULATED = frozenset({"unseen_events", "get_counterfact", "counterfact_events"})
 """Modules whose events are simulated."""
+EXPECTED = {
+    Kind.NUMBER: "a number, such as 3",
+    Kind.BOOLEAN: "yes or no",
+    Kind.FRAME: "a frame, such as frame 43",
+    Kind.SPEED: f"a speed, such as 1.8 {SPEED_UNIT}",
+    **{kind: f"one {kind}: {', '.join(ATTRIBUTES[kind])}" for kind in (Kind.COLOR, Kind.MATERIAL, Kind.SHAPE)},
+}
+"""What a candidate has to say, by the result of the question's program, where that is more than its name."""
 Found = TypeVar("Found")
 
 
@@ -136,7 +144,8 @@ class Executor:
         try:
             said = read_candidate(candidate, program.result, answer.text)
         except UnreadableError:
-            return ChoiceAnswer(candidate, None, (), (), "says no answer that can be read")
+            expected = EXPECTED.get(program.result, f"a {program.result}")
+            return ChoiceAnswer(candidate, None, (), (), f"says no answer that can be read; expected {expected}")
         if said == answer.text:
             return ChoiceAnswer(candidate, "correct", (), (), probability=answer.probability)
         probability = None if said is None else self._probability(program, said)

@@ -140,7 +140,8 @@ def _checked(tokens: tuple[str, ...]) -> Program:
         else:
             arity = ARITY.get(token)
             if arity is None:
-                raise ProgramError(f"token {index + 1}: unknown module or word {token!r:.60}")
+                hint = "" if index else "; a question in English is asked with pipeline.answer(scene, question)"
+                raise ProgramError(f"token {index + 1}: unknown module or word {token!r:.60}{hint}")
             if token == "belong_to" and len(stack) == 1 and not needs_choice:
                 needs_choice = True
                 stack.insert(0, -1)

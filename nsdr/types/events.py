@@ -11,6 +11,11 @@ from nsdr.validation import BoolArray, Checked, Count, expect, one_of
 
 PARTICIPANTS = {"in": 1, "out": 1, "collision": 2}
 """Number of objects of each kind of event."""
+EXPECTED_OBJECTS = {
+    1: "a tuple of one object id, such as (0,)",
+    2: "two different ids in ascending order, such as (0, 2)",
+}
+"""`Event.objects` by their number, in words."""
 VERBS = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}
 """What happens in each kind of event, with places for its objects."""
 NO_FRAME = -1
@@ -35,7 +40,7 @@ class Event(Checked):
         super().__post_init__()
         n = PARTICIPANTS[self.kind]
         fits = len(self.objects) == n and self.objects[0] < self.objects[-1] + (n == 1)
-        expect(fits, f"Event.objects of {self.kind}", f"{n} ascending object ids", self.objects)
+        expect(fits, f"Event.objects of {self.kind}", EXPECTED_OBJECTS[n], self.objects)
 
 
 def event_sentence(event: Event, names: Sequence[str], details: str = "") -> str:

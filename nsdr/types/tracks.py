@@ -50,7 +50,8 @@ def object_of(number: int, words: str) -> SceneObject:
     given = words.lower().removeprefix("the ").split()
     found = [[word for word in given if word in known] for known in ATTRIBUTES.values()]
     fits = len(given) == len(found) and all(len(of_one) == 1 for of_one in found)
-    expect(fits, "object", "color, material and shape, such as 'red metal cube'", words)
+    known = " and ".join(f"one {name} ({', '.join(values)})" for name, values in ATTRIBUTES.items())
+    expect(fits, "object", f"{known}, such as 'red metal cube'", repr(words))
     return SceneObject(number, *(word for (word,) in found))
 
 
