@@ -8,7 +8,7 @@ from nsdr import Executor, QuestionError, Scene
 from nsdr.errors import EndpointError
 from nsdr.pipeline import Pipeline
 from nsdr.question_parser.grammar import GrammarParser
-from nsdr.question_parser.suggestions import QUESTION_KINDS, nearest_questions
+from nsdr.question_parser.suggestions import QUESTION_KINDS, intervention_hint, nearest_questions
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +97,44 @@ def test_an_error_of_the_parser_itself_is_not_taken_for_one_of_the_choice(small_
     monkeypatch.setattr(pipeline, "question_parser", type("Stub", (), {"parse": staticmethod(parse)})())
     with pytest.raises(EndpointError, match=r"^no server$"):
         pipeline.answer(small_scene, "What will happen next?", ["the cube", "the sphere"])
+
+
+@pytest.mark.parametrize(
+    ("text", "options"),
+    [
+        ("What happens if the red cube is heavier?", '--mass "OBJECT=2"'),
+        ("What if the ball were faster?", '--velocity "OBJECT=x2"'),
+        ("What happens if the red cube and the blue sphere are removed?", '--remove "red cube" --remove "blue sphere"'),
+        ("What would happen to the blue sphere if the red cube were removed?", ""),
+        ("Without the red cube, will the blue sphere and the green cube stack?", ""),
+        ("How fast were the cubes?", ""),
+        ("Tell me if the cube is heavy", ""),
+    ],
+)
+def test_questions_for_a_simulation_name_its_options(text: str, options: str) -> None:
+    assert intervention_hint(text) == (options and f"; nsdr simulate VIDEO {options} says what would happen")
+
+
+def test_the_hint_stands_before_the_nearest_questions(small_scene: Scene, parser: GrammarParser) -> None:
+    pipeline = Pipeline(None, None, parser)  # type: ignore[arg-type]
+    with pytest.raises(QuestionError, match=r"; nsdr simulate VIDEO --mass .* says what would happen; the nearest"):
+        pipeline.answer(small_scene, "What happens if the red cube is heavier?")
+
+
+def test_open_questions_are_suggested_and_the_refused_text_is_not(small_scene: Scene) -> None:
+    assert nearest_questions("Briefly, what happens in this video?", small_scene, *QUESTION_KINDS)[0] == (
+        "What happens in this video?"
+    )
+    text = "how many cubes exit the scene"
+    assert nearest_questions("How many zebras exit the scene?", small_scene, "descriptive")[0].lower() == f"{text}?"
+    assert f"{text}?" not in [near.lower() for near in nearest_questions(text, small_scene, "descriptive")]
+
+
+@pytest.mark.parametrize("text", ["What happends in this video?", "What hapens in this vidio?", "What hapens?"])
+def test_misspelt_open_questions_are_read(parser: GrammarParser, text: str) -> None:
+    program = parser.parse(text)
+    assert program.tokens == ("events",)
+    assert any("as 'happens'" in note for note in program.notes)
 
 
 def test_a_question_with_candidates_may_be_a_descriptive_one(small_scene: Scene, parser: GrammarParser) -> None:

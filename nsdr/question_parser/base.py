@@ -6,7 +6,7 @@ from contextlib import suppress
 
 from nsdr.errors import EndpointError, NsdrError, ProgramError, QuestionError
 from nsdr.io.registry import checked_result
-from nsdr.question_parser.suggestions import QUESTION_KINDS, nearest_questions
+from nsdr.question_parser.suggestions import QUESTION_KINDS, intervention_hint, nearest_questions
 from nsdr.symbolic import Program
 from nsdr.symbolic.program import CHOICE_KINDS, SAID_KINDS, TOLD_KINDS, ProgramSource
 from nsdr.types import Scene
@@ -118,4 +118,5 @@ def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Progra
         if isinstance(e, EndpointError):  # of the parser, whatever the text is
             raise
         kinds, what = ((kind,), "options") if kind == "choice" else (QUESTION_KINDS, "questions")
-        return QuestionError(str(e), nearest_questions(text, scene, *kinds), what)
+        hint = "" if kind == "choice" else intervention_hint(text)
+        return QuestionError(str(e) + hint, nearest_questions(text, scene, *kinds), what)

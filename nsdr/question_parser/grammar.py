@@ -5,6 +5,7 @@ order matters. A text without a reading is read by what it mentions (`nsdr.quest
 All others are refused, with what is understood without some of their words.
 """
 
+import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 
@@ -70,7 +71,7 @@ class GrammarParser(Parser):
             if normal.is_hedged and kind == "choice":
                 raise QuestionError(f"{text!r:.200}: an option says what happens, not what may happen; {REMEDY}")
             notes += [f"read {word!r:.40} as {known!r}" for word, known in normal.corrections]
-            programs = readings(text, kind)
+            programs = readings(text, kind) or (readings(_spelt_right(text), kind) if normal.corrections else [])
         if len(programs) > 1:
             texts = " or as ".join(repr(_said(program)) for program in programs)
             raise QuestionError(f"{text!r:.200} can be read as {texts}; {REMEDY}")
@@ -110,6 +111,12 @@ def readings(text: str, kind: str) -> list[list[str]]:
     """The programs of a text as a "descriptive" or "multiple_choice" question or as a "choice"; unknown words are left out."""
     words, symbols = normal_form(text).words, [START_SYMBOLS[kind], *([TOLD] if kind == "descriptive" else [])]
     return [program for symbol in symbols for program in english().read(symbol, words)]
+
+
+def _spelt_right(text: str) -> str:
+    """The text with its misspelt words corrected, for wordings that are known as a whole: "What happends in the video?"."""
+    known = dict(normal_form(text).corrections)
+    return re.sub(r"[^\W_]+", lambda word: known.get(word[0], word[0]), text.lower())
 
 
 def extension_readings(text: str, kind: str, symbols: Mapping[str, str] = EXTENSION_SYMBOLS) -> list[list[str]]:

@@ -9,7 +9,7 @@ from itertools import combinations
 
 from nsdr.errors import ExecutionError
 from nsdr.language.normal import FUNCTION_WORDS, MEANINGS, normal_form
-from nsdr.language.rules import Chooser
+from nsdr.language.rules import Chooser, Pair
 from nsdr.language.slots import Slot
 from nsdr.language.texts import clevrer
 from nsdr.symbolic import Executor
@@ -22,6 +22,13 @@ SYMBOLS = {
     "choice": ("PRESENCE", "COLLISION", "ENTRANCE", "EXIT", "HAPPENS"),
 }
 """Symbols of write_clevrer.rules whose contents are compared with a text, by kind of text."""
+OPEN: tuple[Pair, ...] = (
+    ("What happens in this video?", ["events"]),
+    ("Describe the scene", ["objects", "events", "describe"]),
+)
+"""Descriptive questions that are known as a whole, with their programs."""
+TOLD_MEANINGS = {"narrate": ["what", "happen"]}
+"""What words of normal forms that stand for a whole question are compared by."""
 QUESTION_KINDS = ("descriptive", "multiple_choice")
 """The kinds that a question may be of."""
 REMOVALS = frozenset(
@@ -49,6 +56,17 @@ FUNCTION_WEIGHT = 0.2
 """Weight of function words beside that of others (1) in the similarity of two texts."""
 ORDER_WEIGHT = 0.3
 """Weight of the similar order of words beside that of the words themselves (1)."""
+_CONDITION = re.compile(r"\b(?:if|suppose|supposing|imagine|assume|assuming)\b")
+_RESULT = re.compile(r"\b(?:will|would|happens?|what if)\b")
+"""A text with a condition and a result asks for another world."""
+CHANGES = {
+    r"heavy|heavier|heaviest|lighter|mass|weigh\w*": '--mass "OBJECT=2"',
+    r"fast|faster|slow|slower|speed|velocity|quicker": '--velocity "OBJECT=x2"',
+    r"frozen|fixed|held|glued": '--freeze "OBJECT"',
+    r"moved|shifted|elsewhere": '--shift "OBJECT=0,0.4"',
+    r"added|add|another": '--add "red metal cube=1,0"',
+}
+"""Options of `nsdr simulate` for what no question expresses, by words that ask for it."""
 SUGGESTED = 3
 """Number of texts that are suggested."""
 COMPARED = 60
@@ -66,6 +84,18 @@ class _Names:
             return choose.pick(self.names)
         kept = [words for words in self.classes if not set(words).intersection(ATTRIBUTES.get(without, ()))]
         return () if use == "enters" else choose.pick(kept)
+
+
+def intervention_hint(text: str) -> str:
+    """What to do for a question about a changed world that no program expresses; "" for other texts."""
+    lower, options = text.lower(), []
+    if _CONDITION.search(lower) and _RESULT.search(lower):
+        options = [option for words, option in CHANGES.items() if re.search(rf"\b(?:{words})\b", lower)]
+    words = normal_form(text).words
+    named = [word.text for word in words if isinstance(word, Slot) and word.words]
+    if not options and "without" in _meanings(text) and "and" in words and len(named) == 2:
+        options = [f'--remove "{name}"' for name in named]
+    return f"; nsdr simulate VIDEO {' '.join(options)} says what would happen" if options else ""
 
 
 def nearest_questions(text: str, scene: Scene | None, *kinds: str) -> list[str]:
@@ -94,8 +124,10 @@ def nearest_questions(text: str, scene: Scene | None, *kinds: str) -> list[str]:
     if "COUNTERFACTUAL" in symbols and "without" in said and (scene is None or scene.counterfactual):
         symbols = ["COUNTERFACTUAL"]
     pairs = [pair for symbol in symbols for pair in clevrer().every(symbol, phrases, random.Random(0))]
+    pairs += OPEN if "QUERY" in symbols else ()
     said_names = [f"the {Slot('N', words).text}" for words in phrases.names]
     pairs = [pair for pair in pairs if all(pair[0].count(name) < 2 for name in said_names)]
+    pairs = [pair for pair in pairs if _words(pair[0]) != _words(text)]  # which a parser just refused
     pairs.sort(key=lambda pair: (-_common(said, _meanings(pair[0])), len(pair[0])))
     nearest = sorted(pairs[:COMPARED], key=lambda pair: (-_similarity(said, _meanings(pair[0])), len(pair[0])))
     found: list[str] = []
@@ -115,7 +147,11 @@ def _meanings(text: str) -> list[str]:
     if {"if", "will"}.issubset(words):
         words = tuple("without" if word == "if" else word for word in words)
     parts = ((word.words or ("object",)) if isinstance(word, Slot) else (_meaning(word),) for word in words)
-    return [meaning for part in parts for meaning in part]
+    return [meaning for part in parts for one in part for meaning in TOLD_MEANINGS.get(one, [one])]
+
+
+def _words(text: str) -> list[str]:
+    return re.findall(r"\w+", text.lower())
 
 
 def _meaning(word: str) -> str:
