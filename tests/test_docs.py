@@ -161,8 +161,8 @@ def examples(page: str) -> list[tuple[str, str | None]]:
 
 @pytest.mark.docs
 @pytest.mark.parametrize("page", EXAMPLES)
-def test_examples_print_what_the_page_says(page: str, kept_pipelines, monkeypatch) -> None:
-    monkeypatch.chdir(ROOT)
+def test_examples_print_what_the_page_says(page: str, kept_pipelines, monkeypatch, tmp_path) -> None:
+    monkeypatch.chdir(tmp_path)  # where examples save what they make
     names: dict[str, Any] = {"__name__": "example"}
     for code, output in examples(page):
         printed = io.StringIO()
