@@ -76,7 +76,7 @@ def test_several_questions_are_answered_from_one_look(capsys) -> None:
     assert code == 1
     assert out.startswith(f"{cubes}\n2\n{zebras}\nerror: unknown word 'zebras'")
     assert out.endswith(f"\n{hits}\n4\n")
-    assert err.startswith(f"error: 1 of 3 questions failed, such as '{zebras}': unknown word 'zebras'")
+    assert err.startswith(f"error: 1 of 3 questions failed: '{zebras}': unknown word 'zebras'")
     code, out, _ = run(capsys, "answer", TRUTH, cubes, zebras, hits, "--json", "--keep-going")
     found = [json.loads(line) for line in out.splitlines()[:3]]
     assert code == 0
@@ -85,6 +85,39 @@ def test_several_questions_are_answered_from_one_look(capsys) -> None:
     assert "unknown word 'zebras'" in found[1]["error"]
     _, _, err = run(capsys, "answer", TRUTH, cubes, hits, "-c", "4")
     assert "--choice is of one question, and 2 are asked" in err
+    _, _, err = run(capsys, "answer", VIDEO, cubes, hits, "-c", "4")
+    assert f"nsdr parse {VIDEO} -o scene.json looks at the video once" in err
+
+
+def test_a_question_that_does_not_fit_the_scene_is_an_error_among_the_others(capsys, tmp_path) -> None:
+    save(tmp_path / "scene.json", replace(load(TRUTH, Scene), moving=None))
+    reasons = {
+        "What color is the cube?": "'the cube' fits two objects: ",
+        "What color is the yellow cube?": "no object in this video is a yellow cube; ",
+        "How many moving objects are there?": "motion is not known in this scene ",
+        "count(red)": "fits no program",
+    }
+    cubes, hits = "How many cubes are there?", "How many collisions happen?"
+    asked = ["answer", tmp_path / "scene.json", cubes, *reasons, hits]
+    code, out, err = run(capsys, *asked)
+    lines = out.splitlines()
+    assert code == 1
+    assert lines[:2] + lines[-2:] == [cubes, "2", hits, "4"]
+    assert lines[2:-2:2] == [*reasons]
+    for line, reason in zip(lines[3:-2:2], reasons.values(), strict=True):
+        assert line.startswith("error: ")
+        assert reason in line
+    assert err.startswith(
+        "error: 4 of 6 questions failed, such as 'What color is the cube?': 'the cube' fits two objects: "
+    )
+    code, out, _ = run(capsys, *asked, "--json")
+    found = [json.loads(line) for line in out.splitlines()]
+    assert code == 1
+    assert [row["question"] for row in found] == [cubes, *reasons, hits]
+    assert ["error" in row for row in found] == [False, True, True, True, True, False]
+    code, out, err = run(capsys, "answer", TRUTH, "What color is the cube?")
+    assert (code, out) == (2, "")
+    assert err.startswith("error: 'the cube' fits two objects: ")
 
 
 def test_a_failed_choice_is_printed_with_its_reason_and_the_others_are_judged(capsys) -> None:

@@ -258,7 +258,7 @@ def test_videos_are_scored_and_the_rest_is_listed(root, tmp_path, capsys, monkey
     assert main(command(root, generated, output)) == 1
     printed = capsys.readouterr()
     assert f"not scored: video_15001: {generated} has no video_15001.mp4" in printed.out
-    assert "1 of 2 videos failed, such as video_15001: " in printed.err
+    assert "1 of 2 videos failed: video_15001: " in printed.err
     report = json.loads((output / "report.json").read_text())
     assert list(report["table"]) == list(ROWS)
     assert report["table"][GENERATED] == report["table"][TRUTH]

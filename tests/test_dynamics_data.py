@@ -167,9 +167,7 @@ def test_conversion_errors_name_the_file(official, tmp_path, capsys) -> None:
         write_compact_files(root, tmp_path / "motion")
     shutil.copy(official / "processed_proposals/sim_00000.json", root / "derender_proposals")
     proposal_file(root / "derender_proposals/proposal_00003.json", 3, False)
-    with pytest.raises(
-        DataError, match=r"1 of 2 failed, such as video 3: .*proposal_00003.json: has no ground_truth, and"
-    ):
+    with pytest.raises(DataError, match=r"1 of 2 failed: video 3: .*proposal_00003.json: has no ground_truth, and"):
         write_compact_files(root, tmp_path / "motion", workers=1)
     assert main(["data", "motion", str(root)]) == 2
     assert "nsdr data motion: the following arguments are required: output" in capsys.readouterr().err

@@ -484,7 +484,7 @@ def test_one_failing_video_does_not_stop_the_rest(tiny, tmp_path, monkeypatch) -
 
     monkeypatch.setattr(dataset, "_make_videos", failing)
     config = replace(tiny, output=str(tmp_path / "set"), renderer="none", masks=False)
-    with pytest.raises(DataError, match=r"1 of 3 failed, such as video 0: OSError: disk is full"):
+    with pytest.raises(DataError, match=r"1 of 3 failed: video 0: OSError: disk is full"):
         generate_dataset(config)
     assert Files(config.output, "train", 1).truth.exists()
 

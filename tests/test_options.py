@@ -220,6 +220,8 @@ def test_the_last_line_counts_failures(capsys) -> None:
     assert failures_line(3, 120, "questions", "scene 1:\na", keep_going=False) == 1
     line = "3 of 120 questions failed, such as scene 1: a"
     assert capsys.readouterr() == ("", f"error: {line}; --keep-going accepts that\n")
+    assert failures_line(1, 1, "videos", "scene0.json: a", keep_going=True) == 0
+    assert capsys.readouterr().out == "1 of 1 videos failed: scene0.json: a\n"
     assert failures_line(3, 120, "questions", "scene 1: a", keep_going=True) == 0
     assert capsys.readouterr() == (f"{line}\n", "")
 

@@ -129,7 +129,7 @@ def test_a_failed_question_gives_a_status_and_no_submission(capsys, tmp_path, br
     arguments += ["--programs", "gold", "--cache", tmp_path / "cache", "--submission", submission]
     assert main([str(a) for a in arguments]) == 1
     last = capsys.readouterr().err.splitlines()[-1]
-    assert last.startswith("error: 1 of 10 questions failed, such as scene 500002, question ")
+    assert last.startswith("error: 1 of 10 questions failed: scene 500002, question ")
     assert "no object in this video is yellow" in last
     assert not submission.exists()
     assert main([str(a) for a in [*arguments, "--keep-going"]]) == 0
@@ -160,7 +160,7 @@ def test_jobs_that_failed_stop_what_follows_or_are_left_out(tmp_path) -> None:
     jobs = [Job(name, name, tmp_path / name, "") for name in "abc"]
     summary = Summary(("a",), ("b",), {"c": "DataError: broken"})
     assert [job.name for job in summary.succeeded(jobs, tmp_path, keep_going=True)] == ["a", "b"]
-    with pytest.raises(DataError, match="1 of 3 failed, such as c: DataError: broken"):
+    with pytest.raises(DataError, match="1 of 3 failed: c: DataError: broken"):
         summary.succeeded(jobs, tmp_path, keep_going=False)
     with pytest.raises(DataError, match="nothing is left"):
         Summary((), (), dict.fromkeys("abc", "broken")).succeeded(jobs, tmp_path, keep_going=True)
@@ -178,6 +178,6 @@ def test_frames_of_the_good_videos_with_keep_going(capsys, tmp_path) -> None:
     (videos / "video_00002.mp4").write_bytes(b"no video")
     arguments = ["data", "frames", videos, "--proposals", proposals, "-o", tmp_path / "out", "--every", "64"]
     assert main([str(a) for a in arguments]) == 2
-    assert "1 of 2 failed, such as video_00002.mp4" in capsys.readouterr().err
+    assert "1 of 2 failed: video_00002.mp4" in capsys.readouterr().err
     assert main([str(a) for a in [*arguments, "--keep-going"]]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("1 failed and are left out")

@@ -134,7 +134,7 @@ def test_a_split_is_evaluated_again_from_what_is_kept(videos, tmp_path, capsys, 
     assert error.endswith("root has the folders questions, videos; video_10003.mp4 is missing\n")
     command += ["--available", "--cache", str(tmp_path / "cache"), "-o"]
     assert main([*command, str(tmp_path / "first.json")]) == 1
-    assert "1 of 3 questions failed, such as scene 10002" in capsys.readouterr().err
+    assert "1 of 3 questions failed: scene 10002" in capsys.readouterr().err
     kept = sorted((tmp_path / "cache").rglob("scene_*.json"))
     assert len(kept) == 2
     kept[1].unlink()  # as if killed before

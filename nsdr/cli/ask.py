@@ -1,6 +1,7 @@
 """`nsdr answer`, `program` and `demo`: questions and programs."""
 
 import json
+import shlex
 import textwrap
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -18,7 +19,7 @@ from nsdr.cli.common import (
     refuse_idle,
     shared_options,
 )
-from nsdr.errors import DataError, EndpointError, NsdrError, QuestionError
+from nsdr.errors import DataError, EndpointError, ExecutionError, NsdrError, ProgramError, QuestionError
 from nsdr.io.files import check_output
 from nsdr.io.notes import distinct
 from nsdr.io.storage import load
@@ -48,7 +49,7 @@ def answer(options: Any) -> int:
     if not all(choice.strip() for choice in options.choice):
         raise QuestionError("a choice is empty")
     if options.choice and len(options.question) > 1:
-        raise DataError(f"--choice is of one question, and {len(options.question)} are asked; ask this one alone")
+        raise DataError(_many_with_choices(options))
     ask = (_baseline_asker if options.system else _asker)(options)
     if len(options.question) > 1:
         return _answer_each(options, ask)
@@ -59,15 +60,24 @@ def answer(options: Any) -> int:
     return failures_line(len(errors), len(found.choices), "choices", "".join(errors[:1]), options.keep_going)
 
 
+def _many_with_choices(options: Any) -> str:
+    """Why several questions cannot have choices, and how each gets its own without another look at the video."""
+    message = f"--choice is of one question, and {len(options.question)} are asked; ask this one alone"
+    if is_scene(options.video):
+        return message
+    look = f"nsdr parse {shlex.quote(options.video)} -o scene.json looks at the video once"
+    return f"{message} ({look}, and nsdr answer scene.json answers each question at once)"
+
+
 def _answer_each(options: Any, ask: Callable[[str], Answer]) -> int:
-    """Answer several questions; one that cannot be answered has the reason in place of an answer."""
+    """Answer several questions; one that cannot be parsed or does not fit the scene has the reason in place of an answer."""
     errors = []
     for question in options.question:
         try:
             found = ask(question)
-        except QuestionError as e:
-            if isinstance(e, EndpointError):
-                raise
+        except EndpointError:  # other questions would fail, too
+            raise
+        except (QuestionError, ProgramError, ExecutionError) as e:
             errors.append(f"{question!r}: {e}")
             print(json.dumps({"question": question, "error": str(e)}) if options.json else f"{question}\nerror: {e}")
             continue

@@ -11,7 +11,7 @@ from jsonargparse.typing import NonNegativeFloat, NonNegativeInt
 from nsdr.errors import DataError
 from nsdr.io.configuration import parse_config
 from nsdr.io.files import check_output
-from nsdr.io.jobs import FAILURES
+from nsdr.io.jobs import FAILURES, failed_text
 from nsdr.io.notes import unsaid
 from nsdr.io.reading import read_json
 from nsdr.io.stages import stage
@@ -214,7 +214,7 @@ def failures_line(failed: int, total: int, what: str, example: str, keep_going: 
     """
     if not failed:
         return 0
-    line = f"{failed} of {total} {what} failed, such as {' '.join(example.split())}"
+    line = failed_text(failed, total, what, " ".join(example.split()))
     if keep_going:
         print(line)
         return 0

@@ -99,7 +99,9 @@ class Report:
             return []
         whole = sum("error" in r for r in self.results)
         partly = self.errors - whole
-        return [f"{whole} questions failed and count as wrong; choices of {partly} failed and are judged wrong"]
+        texts = [f"questions that failed and count as wrong: {whole}"] if whole else []
+        texts += [f"questions with choices that failed and are judged wrong: {partly}"] if partly else []
+        return ["; ".join(texts)]
 
     def table_lines(self) -> list[str]:
         """The lines of the printed table."""

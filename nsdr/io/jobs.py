@@ -70,8 +70,22 @@ class Summary:
         if self.failed and not (keep_going and left):
             name, message = min(self.failed.items())
             remedy = "run the command again, or with --keep-going" if left else "nothing is left to go on with"
-            raise DataError(f"{folder}: {len(self.failed)} of {len(jobs)} failed, such as {name}: {message}; {remedy}")
+            text = failed_text(len(self.failed), len(jobs), "", f"{name}: {message}")
+            raise DataError(f"{folder}: {text}; {remedy}")
         return left
+
+
+def failed_text(failed: int, total: int, what: str, example: str) -> str:
+    """How many things failed, and one of them: "2 of 9 videos failed, such as a.mp4: …" or "1 of 9 videos failed: a.mp4: …".
+
+    Args:
+        failed, total: numbers of things.
+        what: what they are, in the plural; may be "".
+        example: one of them, with what went wrong.
+    """
+    return " ".join(
+        [f"{failed} of {total}", *([what] if what else []), "failed" + (":" if failed == 1 else ", such as"), example]
+    )
 
 
 def run_jobs(
