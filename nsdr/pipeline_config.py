@@ -19,6 +19,7 @@ from nsdr.io.checkpoint import PIPELINE, find_checkpoint, folder_of_part, has_pa
 from nsdr.io.configuration import option, parse_config
 from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.reading import read_yaml
 from nsdr.io.shipped import find_config
 from nsdr.question_parser import loading
 from nsdr.question_parser.base import Parser
@@ -114,6 +115,8 @@ def pipeline_settings(
     argv = ["--config", str(find_config(file, "pipeline"))] if file else _saved_with(checkpoint)
     if dynamics:
         is_file = str(dynamics).endswith((".yaml", ".yml"))
+        if is_file:
+            read_yaml(dynamics)  # whose errors say what is wrong with a file
         argv += ["--dynamics" if is_file else "--dynamics.backend", str(dynamics)]
     known = [f.name for f in fields(PipelineConfig)]
     for key, times in Counter(override.partition("=")[0] for override in overrides).items():

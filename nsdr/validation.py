@@ -1,8 +1,8 @@
 """The one validator of configurations, data types and files: declared types with constraints, checked by msgspec.
 
 A field's type says what it may hold: `Literal["adam", "sgd"]`, `Annotated[float, Meta(ge=0, le=1)]`,
-`Annotated[FloatArray, Array("n", 2)]`. Errors are msgspec's, after the name of the file or the class:
-``proposal_7.json: Expected `float` <= 1.0 - at `$.frames[3].objects[0].score` ``.
+`Annotated[FloatArray, Array("n", 2)]`. Errors are msgspec's, after the name of the file or of the class and the field:
+``proposal_7.json: Expected `float` <= 1.0 - at `$.frames[3].objects[0].score` ``, ``score: Expected `float` <= 1.0, got 2``.
 """
 
 import math
@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from types import NoneType
-from typing import Annotated, Any, ClassVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -91,8 +91,11 @@ def check_fields(owner: Any, where: str) -> None:
     try:
         msgspec.convert(vars(owner), struct)
     except msgspec.ValidationError:
-        _check_words(owner, where)
-        convert(_plain(vars(owner)), struct, where)
+        values = _plain(vars(owner))
+        try:
+            convert(values, struct)
+        except DataError as e:
+            raise DataError(where + _of_field(str(e), values, get_type_hints(kind, include_extras=True))) from e
     if arrays:
         _check_arrays(owner, arrays, where)
 
@@ -111,7 +114,7 @@ def convert(document: Any, kind: Any, where: str = "") -> Any:
     try:
         return msgspec.convert(document, kind, str_keys=True)
     except msgspec.ValidationError as e:
-        raise DataError(f"{where}{e}") from e
+        raise DataError(f"{where}{said(e)}") from e
     except RecursionError as e:
         raise DataError(f"{where}nested too deeply") from e
 
@@ -127,8 +130,23 @@ def one_of(words: Iterable[str]) -> Meta:
 
     A union of a text with a pattern and a list or mapping crashes msgspec 0.22.
     """
-    words = tuple(words)
-    return Meta(pattern=f"^({'|'.join(map(re.escape, words))})$", extra={"words": words})
+    return Meta(pattern=f"^({'|'.join(map(re.escape, words))})$")
+
+
+def words_of(rule: Meta) -> list[str]:
+    """The words of `one_of`; none of other metadata."""
+    pattern = rule.pattern or ""
+    return (
+        re.sub(r"\\(.)", r"\1", pattern[2:-2]).split("|") if pattern.startswith("^(") and pattern.endswith(")$") else []
+    )
+
+
+def said(error: msgspec.ValidationError) -> str:
+    """What a type expected: msgspec's message, with the words of `one_of` in place of their pattern."""
+    before, expected, after = str(error).partition("`str` matching regex '")
+    pattern, _, place = after.rpartition("'")
+    words = words_of(Meta(pattern=pattern)) if expected else []
+    return f"{before}one of {', '.join(words)}{place}" if words else str(error)
 
 
 def shown(value: Any) -> str:
@@ -139,12 +157,15 @@ def shown(value: Any) -> str:
         return "a huge number"
 
 
-def _check_words(owner: Any, where: str) -> None:
-    """Refuse a text that is none of its field's words (`one_of`), and list them: msgspec's message shows a pattern."""
-    for name, hint in get_type_hints(type(owner), include_extras=True).items():
-        for rule in getattr(hint, "__metadata__", ()):
-            value, words = getattr(owner, name), (getattr(rule, "extra", None) or {}).get("words")
-            expect(not words or value in words, where + name, f"one of {', '.join(words or ())}", repr(value))
+def _of_field(message: str, values: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
+    """msgspec's message about the value of a field as "score: Expected `float` <= 1.0, got 2"; those about parts of it stay."""
+    for name, value in values.items():
+        expected = message.removesuffix(f" - at `$.{name}`")
+        if expected != message:
+            if get_origin(hints[name]) is Literal:
+                expected = f"Expected one of {', '.join(str(word) or repr('') for word in get_args(hints[name]))}"
+            return f"{name}: {expected}" if ", got " in expected else f"{name}: {expected}, got {shown(value)}"
+    return message
 
 
 @cache

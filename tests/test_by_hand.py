@@ -206,7 +206,7 @@ def test_a_scene_by_hand_may_know_more() -> None:
         (["red metal cube", "red metal cube"], [], "unique attribute triples"),
         (OBJECTS, [("collision", 30, "red cube", "yellow cube")], "'yellow cube': no object fits"),
         (OBJECTS, [("in", 30, "cube")], "'cube': 2 objects fit"),
-        (OBJECTS, [("hit", 30, "red cube")], "Event: kind: expected one of in, out, collision, got 'hit'"),
+        (OBJECTS, [("hit", 30, "red cube")], "Event: kind: Expected one of in, out, collision, got 'hit'"),
         (OBJECTS, [("collision", 30, "red cube")], "two different ids in ascending order"),
         (OBJECTS, [("in", "sphere")], "event: expected its kind, frame and objects"),
         (OBJECTS, [("in", 200, "sphere")], "frames from 0 to 127"),

@@ -55,9 +55,9 @@ def test_torchvision_backbones_have_the_levels_of_the_slim_one(backbone: str) ->
 
 
 def test_unknown_backbones_and_heads_are_rejected() -> None:
-    with pytest.raises(DataError, match=r"backbone`"):
+    with pytest.raises(DataError, match=r"backbone"):
         FrameParserConfig(backbone="vgg")
-    with pytest.raises(DataError, match="attributes`"):
+    with pytest.raises(DataError, match="attributes"):
         FrameParserConfig(attributes="two")
 
 

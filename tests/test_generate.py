@@ -366,7 +366,7 @@ def test_seeds_have_no_scene_in_common(tmp_path) -> None:
 
 def test_seeds_leave_room_for_the_numbers_of_scenes() -> None:
     assert DatasetConfig("out", seed=LARGEST_SEED).scene_seed(0) < 2**63
-    with pytest.raises(DataError, match=r"seed`"):
+    with pytest.raises(DataError, match=r"seed"):
         DatasetConfig("out", seed=LARGEST_SEED + 1)
 
 
@@ -544,7 +544,7 @@ def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
         ({"renderer": "blender"}, r"render\.assets: renderer blender needs CLEVR's Blender files, .*clevr-dataset-gen"),
         ({"splits": {"dev": 1.0}}, "train.*splits`"),
         ({"videos": 0}, r"videos`"),
-        ({"seed": -1}, r"seed`"),
+        ({"seed": -1}, r"seed"),
         (
             {"counterfactual_videos": 5},
             "counterfactual_videos: expected at most 4, the fewest objects of a scene, got 5",

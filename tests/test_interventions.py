@@ -311,21 +311,21 @@ def test_one_intervention_without_a_list_is_refused(simulated) -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: SetMass(0, 0), "SetMass: .*factor`"),
-        (lambda: SetMass(0, float("nan")), "SetMass: .*factor`"),
-        (lambda: SetMass(0, None), "SetMass: .*factor`"),
+        (lambda: SetMass(0, 0), "SetMass: .*factor"),
+        (lambda: SetMass(0, float("nan")), "SetMass: .*factor"),
+        (lambda: SetMass(0, None), "SetMass: .*factor"),
         (lambda: Move(0, dx=99.0, dy=0.0), "expected dx and dy of up to"),
         (lambda: find_object(OBJECTS, True), "object True: expected an id"),
         (lambda: SetVelocity(0), "expected vx and vy, or speed"),
         (lambda: SetVelocity(0, vx=1.0), "got vx"),
         (lambda: SetVelocity(0, vx=1.0, vy=0.0, factor=2), "got vx, vy, factor"),
-        (lambda: SetVelocity(0, speed=-1), "speed`"),
+        (lambda: SetVelocity(0, speed=-1), "speed"),
         (lambda: SetVelocity(0, vx=4, vy=4), "speed of up to 5"),
         (lambda: Move(0, x=1.0), "expected x and y, or dx and dy, got x"),
         (lambda: Move(0, x=15, y=0), "on the ground"),
-        (lambda: Add("red", "wood", "cube", 0, 0), "material: expected one of metal, rubber"),
-        (lambda: Add("red", "metal", "cube", "1", 0), "Add: .*x`"),
-        (lambda: Add("red", "metal", "cube", 0, 0, mass=0), "Add: .*mass`"),
+        (lambda: Add("red", "wood", "cube", 0, 0), "material: Expected one of metal, rubber"),
+        (lambda: Add("red", "metal", "cube", "1", 0), "Add: x: "),
+        (lambda: Add("red", "metal", "cube", 0, 0, mass=0), "Add: .*mass"),
     ],
 )
 def test_malformed_interventions_are_refused(make: Callable[[], Any], message: str) -> None:
@@ -455,7 +455,7 @@ def test_options_name_interventions() -> None:
     ("arguments", "message"),
     [
         (["--mass", "blue sphere"], "--mass blue sphere: expected OBJECT=NUMBER"),
-        (["--mass", "cube=0"], "--mass cube=0: .*SetMass: .*factor`"),
+        (["--mass", "cube=0"], "--mass cube=0: .*SetMass: .*factor"),
         (["--velocity", "cube=1"], "--velocity cube=1: expected OBJECT=2 numbers with commas"),
         (
             ["--remove", "zebra"],
@@ -479,7 +479,7 @@ def test_frames_after_the_end_are_refused_before_the_work(monkeypatch) -> None:
     given = ["--remove", "cube", "--from-frame"]
     with pytest.raises(DataError, match=r"--from-frame 129: expected a frame of .*mp4, which has 128 at 25 a second"):
         command.simulate(options(*given, "129", video=str(VIDEO)))
-    with pytest.raises(jsonargparse.ArgumentError, match="from_frame"):
+    with pytest.raises(jsonargparse.ArgumentError, match="--from-frame: expected a whole number"):
         options(*given, "-1")
 
 

@@ -114,7 +114,7 @@ DYNAMICS = ["train", "dynamics", "--proposals", "p", "--truth", "t", "--run-dir"
         ([*EVALUATE, "--engine", "zebra"], "engine"),
         (["parse", "OUT", "-o", "OUT/new", "--set", "stride=0"], "stride"),
         (["parse", "OUT", "-o", "OUT/new", "--workers", "-1"], "workers"),
-        ([*PARSE, "--set", "tracker.score=2"], "score`"),
+        ([*PARSE, "--set", "tracker.score=2"], "score"),
         ([*PARSE, "--set", "tracker.score=abc"], "tracker.score"),
         ([*PARSE, "--set", "zebra=1"], "zebra"),
         ([*PARSE, "--set", "help=1"], "--set help=1"),
@@ -146,6 +146,52 @@ def test_options_are_refused_in_one_line_and_nothing_is_written(capsys, tmp_path
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            "generate violations -o D --sizes clear",
+            "--sizes: expected [clear|small|limit, …], such as '[clear, small, limit]'",
+        ),
+        ("generate violations -o D --sizes [big]", "--sizes: Expected one of clear, small, limit - at `$.sizes[0]`"),
+        (
+            "generate dataset -o D --splits all",
+            "--splits: expected {train|validation|test: NUMBER, …}, such as '{train: 0.5, ",
+        ),
+        ("generate dataset -o D --questions foo", "--questions: expected null, or settings by name, "),
+        (
+            "generate dataset -o D --questions.plain-per-video x",
+            "--questions.plain-per-video: expected a whole number, got x",
+        ),
+        ("generate dataset -o D --renderer foo", "--renderer: Expected one of preview, blender, none, got 'foo'"),
+        ("generate dataset --config D/c.yaml -o D", "c.yaml: questions.plain_per_video: expected a whole number"),
+        ("evaluate --root D --split all", "--split: expected train|validation|test"),
+        ("evaluate --root D --limit -1", "limit: Expected `int` >= 0, got -1"),
+        ("compare-videos --root D --generated D -o D --given-frames 0", "--given-frames: expected a whole number >0"),
+        ("export D -o D/new", "nsdr export: --format must be given"),
+        ("answer D/scene.json", "nsdr answer: QUESTION must be given"),
+    ],
+)
+def test_errors_say_how_a_value_is_written(arguments, message, tmp_path, capsys) -> None:
+    (tmp_path / "c.yaml").write_text("questions: {plain_per_video: x}")
+    assert main([word.replace("D", str(tmp_path), 1) if word[0] == "D" else word for word in arguments.split()]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "class" not in error
+
+
+def test_settings_from_python_name_the_field_and_what_it_may_be() -> None:
+    with pytest.raises(DataError, match=r"^split: Expected one of train, validation, test, got 'all'$"):
+        EvaluationConfig(root="r", split="all")  # type: ignore[arg-type]
+    with pytest.raises(DataError, match=r"^limit: Expected `int` >= 0, got -1$"):
+        EvaluationConfig(root="r", limit=-1)
+
+
+def test_the_default_of_a_list_is_shown_as_it_is_typed(capsys) -> None:
+    assert main(["generate", "violations", "--help"]) == 0
+    assert "(default: [clear, small, limit])" in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_parsed_configuration_names_what_is_wrong(tmp_path) -> None:
     (tmp_path / "a.yaml").write_text("tracker: 5\n")
     with pytest.raises(DataError, match="tracker"):
@@ -164,7 +210,7 @@ def test_a_parsed_configuration_names_what_is_wrong(tmp_path) -> None:
     ("row", "message"),
     [
         ("{name: a, programs: zebra}", "row 'a': .*programs"),
-        ("{name: a, every: -1}", "row 'a': .*every`"),
+        ("{name: a, every: -1}", "row 'a': .*every"),
         ("{name: a, types: descriptive}", "row 'a': .*types"),
         ("{name: a, limit: 1.5}", "row 'a': .*limit"),
         ("{name: a, published: [1, 2]}", "row 'a': .*published"),
@@ -314,7 +360,8 @@ def test_options_are_spelled_with_dashes_alone(tmp_path, capsys) -> None:
         (["--loop.batch_size", "3"], "error: --loop.batch_size: options are spelled with dashes"),
         (["--steps", "0"], "error: --steps: "),
         (["--lr=-1"], "error: --lr: "),
-        (["--batch-size", "many"], "error: --batch-size: "),
+        (["--batch-size", "many"], "error: --batch-size: expected a whole number, got many"),
+        (["--loop", "5"], "error: --loop: expected settings by name, "),
         ([], "error: FILE: "),
     ],
 )

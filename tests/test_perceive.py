@@ -216,7 +216,7 @@ def test_every_setting_of_an_evaluation_is_an_option(capsys) -> None:
         (["--source", "truth", "--truth", "x"], "truth_source and truth go together"),
         (["--source", "truth", "--videos", "x"], "videos goes with --source proposals"),
         (["--source", "proposals", "--videos", "x"], "videos would do nothing: dynamics 'physics' reads no images"),
-        (["--source", "truth", "--every", "0"], "every`"),
+        (["--source", "truth", "--every", "0"], "every"),
         (["--source", "truth", "--set", "tracker.score"], "expected key=value"),
         (["--source", "truth", "--split", "train"], "split train is of --root and does nothing without it"),
         (

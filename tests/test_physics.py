@@ -519,5 +519,5 @@ def test_checkpoints_of_another_network_are_named(
 
 def test_too_short_a_past_is_refused() -> None:
     assert PropNet(PropNetConfig(hidden=4, past_steps=4)).config.past_steps == 4
-    with pytest.raises(DataError, match=r"past_steps`"):
+    with pytest.raises(DataError, match=r"past_steps"):
         PropNetConfig(past_steps=3)

@@ -80,7 +80,7 @@ def test_every_form_of_file_is_read_alike(tmp_path: Path) -> None:
             "10000-0 is answered twice",
         ),
         ('{"id": "x", "response": "red"}', "id`"),
-        ('{"id": "10000-0"}', "`response`"),
+        ('{"id": "10000-0"}', '`response`; expected a row such as {"id": "10003-7", "response": "A, C"}'),
         ('{"id": "10000-0", "response": ["A"]}', "response`"),
         ('{"id": "10000-0", "response": "red"}\n[1]', "line 2: "),
         ("id,response\n10000-0,red\n", "not JSON Lines; expected a row such as"),

@@ -47,7 +47,7 @@ def test_the_worked_example_is_right() -> None:
 
 
 def test_uncertain_events_are_checked(small_scene: Scene) -> None:
-    with pytest.raises(DataError, match=r"UncertainEvent: .*probability`"):
+    with pytest.raises(DataError, match=r"UncertainEvent: .*probability"):
         UncertainEvent(HIT, 1.5)
     with pytest.raises(DataError, match=r"UncertainEvent.event: expected an event at a frame"):
         UncertainEvent(Event("in", -1, (0,)), 0.5)

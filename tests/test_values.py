@@ -100,9 +100,9 @@ def test_types_refuse_values_out_of_range() -> None:
             VideoProposals(1, ints, ints, floats + score, centre + place, ints, box)
     with pytest.raises(DataError, match="processed: expected frames from 0 to 0, got 5 to 5"):
         VideoProposals(1, ints, ints, floats, centre, ints, box, processed=np.array([5]))
-    with pytest.raises(DataError, match=r"SceneObject: .*id`"):
+    with pytest.raises(DataError, match=r"SceneObject: .*id"):
         SceneObject("0", "red", "metal", "cube")  # type: ignore[arg-type]
-    with pytest.raises(DataError, match=r"frame`"):
+    with pytest.raises(DataError, match=r"frame"):
         Event("in", 1.5, (0,))  # type: ignore[arg-type]
     where, seen = np.full((1, 2, 2), np.nan), np.zeros((1, 2), bool)
     Rollout(where, seen, ())  # NaN is where an object is absent

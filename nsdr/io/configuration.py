@@ -9,15 +9,17 @@ from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from itertools import pairwise
 from types import MappingProxyType, NoneType
-from typing import Any, TypeVar, get_args
+from typing import Any, NoReturn, TypeVar, get_args, get_type_hints
 
 import jsonargparse
 
 from nsdr.errors import DataError
-from nsdr.io.help import formatted_help
+from nsdr.io.help import expected, formatted_help
 from nsdr.io.reading import read_yaml
 
 T = TypeVar("T")
+MISSING, WRONG = "the following arguments are required: ", re.compile(r'(?:Parser key "|argument --)([\w.-]+)')
+"""How jsonargparse's messages name keys that are missing, and keys of wrong values (one in a section after that)."""
 UNUSABLE = (jsonargparse.ArgumentError, TypeError, ValueError, KeyError, AttributeError, RecursionError, OSError)
 """What jsonargparse raises about keys and values."""
 
@@ -49,6 +51,29 @@ class OptionParser(jsonargparse.ArgumentParser):
     def format_help(self, formatter: Any = None) -> str:
         """The options by groups, with types as people write them."""
         return formatted_help(self, self._needed, self.headings, self.more)
+
+    def error(self, message: str, ex: Exception | None = None) -> NoReturn:
+        """Raises `ArgumentError`: which option is wrong, as it is typed, and how its value is written; or which are missing."""
+        actions = {action.dest: action for action in self._actions}
+        missing = message.removeprefix(MISSING)
+        if missing != message:
+            names = [option(key) if actions[key].option_strings else key.upper() for key in missing.split(", ")]
+            raise jsonargparse.ArgumentError(None, f"{', '.join(names)} must be given") from ex
+        key = ".".join(dict.fromkeys(key.replace("-", "_") for key in WRONG.findall(message)))
+        known = key
+        while known not in actions and "." in known:
+            known = known.rpartition(".")[0]
+        if known not in actions:
+            raise jsonargparse.ArgumentError(None, message) from ex
+        kind, default = getattr(actions[known], "_typehint", None) or actions[known].type, actions[known].default
+        for name in key.removeprefix(known).split(".")[
+            1:
+        ]:  # fields of a section that may be null, which are no actions
+            section = next(k for k in (kind, *get_args(kind)) if is_dataclass(k))
+            kind, default = get_type_hints(section, include_extras=True)[name], None
+        error = jsonargparse.ArgumentError(None, expected(kind, default))
+        error.argument_name = option(key)
+        raise error from ex
 
     def _of_field(self, argument: str) -> str:
         """An argument with the name that jsonargparse gives the option of a field."""
@@ -118,10 +143,17 @@ def parse_config(
         values.pop("config")
         return kind(**values)
     except UNUSABLE as e:
+        if isinstance(e, jsonargparse.ArgumentError) and (name := e.argument_name):
+            names = [a.partition("=")[0] for a in given]
+            asked = [n for n in names if short.get(n, n).replace("_", "-") == name]
+            where = asked[:1] or [f"{', '.join(files)}: {name[2:].replace('-', '_')}"]
+            got = [f", got {value:.60}" for n, value in options if asked and n.replace("_", "-") == name]
+            raise DataError("".join([f"{where[0]}: {e.message}", *got[:1]])) from e
         message = " ".join(str(e).split()) or type(e).__name__
         where = _at_fault(given, short, message) or files or ([] if isinstance(e, DataError) else [program])
         names_it = not where or message.startswith(("--", "unrecognized arguments"))
-        raise DataError(message if names_it else f"{', '.join(where)}: {message}") from e
+        about = f"{where[0].lstrip('-').replace('-', '_')}: " if where else ""
+        raise DataError(message if names_it else f"{', '.join(where)}: {message.removeprefix(about)}") from e
 
 
 def _at_fault(given: Sequence[str], short: Mapping[str, str], message: str) -> list[str]:

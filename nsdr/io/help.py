@@ -4,11 +4,13 @@ import argparse
 import re
 import textwrap
 from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from msgspec import Meta
+
+from nsdr.validation import words_of
 
 WIDTH, INDENT = 110, 30
 """Longest line, and where the descriptions begin (columns)."""
@@ -30,7 +32,7 @@ def written(kind: Any) -> str:
     if origin in (Union, UnionType):
         return "|".join(dict.fromkeys(written(option) for option in arguments if option is not NoneType))
     if origin is Literal:
-        return "|".join(map(str, arguments))
+        return "|".join(str(word) for word in arguments if word != "")
     if kind is bool:
         return "true|false"
     if is_dataclass(kind):
@@ -46,11 +48,37 @@ def written(kind: Any) -> str:
 
 def _annotated(kind: Any, *rules: Any) -> str:
     for rule in rules:
-        if isinstance(rule, Meta) and rule.pattern and rule.pattern.startswith("^("):
-            return rule.pattern.removeprefix("^(").removesuffix(")$").replace("\\", "")
+        if isinstance(rule, Meta) and (words := words_of(rule)):
+            return "|".join(words)
         if kind is str and isinstance(rule, Meta) and rule.min_length:
             return "PATH"
     return written(kind)
+
+
+def expected(kind: Any, default: Any = None) -> str:
+    """What an error says of a value of another type than `kind`: how it is written, and the default as an example."""
+    if kind is None:
+        return "expected settings by name, such as {name: value}, or a YAML file of them"
+    section = next((option for option in (kind, *get_args(kind)) if is_dataclass(option)), None)
+    if section is not None:
+        none = "null, or " if NoneType in get_args(kind) else ""
+        return f"expected {none}settings by name, such as {{{fields(section)[0].name}: …}}"
+    base = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    how = "a text that is not empty" if "not-empty" in (base.__doc__ or "") else written(kind)
+    if how == "NUMBER":
+        rule = (base.__doc__ or "").partition("restricted to be ")[2]  # of a type such as jsonargparse's PositiveInt
+        how = " ".join(["a whole number" if issubclass(base, int) else "a number", *([rule] if rule else [])])
+    example = as_typed(default) if how[:1] in ("[", "{") and default else ""
+    return f"expected {how}, such as '{example}'" if example else f"expected {how}"
+
+
+def as_typed(value: Any) -> str:
+    """A default as people type it: `[a, b]`, `{a: 1}`, `true`."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(as_typed, value))}]"
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key}: {as_typed(item)}' for key, item in value.items())}}}"
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def formatted_help(parser: Any, needed: Sequence[str], groups: Mapping[str, Sequence[str]], more: Sequence[str]) -> str:
@@ -116,11 +144,7 @@ def _default(action: argparse.Action) -> str | None:
     value = action.default
     if any(value is none or value == none for none in NOT_SHOWN) or not action.option_strings or _is_section(action):
         return None
-    if isinstance(value, list | tuple):
-        return " ".join(map(str, value))
-    if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{key}: {item}' for key, item in value.items())}}}"
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    return " ".join(map(str, value)) if action.nargs == "+" else as_typed(value)
 
 
 def _invocation(action: argparse.Action) -> str:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError, MachineError, machine_error
 from nsdr.io.files import check_name
 from nsdr.io.limits import check_limit, limits
+from nsdr.validation import said
 
 GZIP_MAGIC = b"\x1f\x8b"
 """First bytes of every gzip file."""
@@ -106,7 +107,7 @@ def parse_json(data: bytes, name: str, kind: Any = Any) -> Any:
         try:
             return msgspec.json.decode(text, type=kind)
         except msgspec.ValidationError as e:
-            raise DataError(f"{name}: {e}") from e
+            raise DataError(f"{name}: {said(e)}") from e
 
 
 def parse_json_lines(data: bytes, name: str) -> Iterator[tuple[int, Any]]:

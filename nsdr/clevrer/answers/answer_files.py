@@ -37,6 +37,10 @@ Word = str | bool | Annotated[int, Meta(ge=-LARGEST_ID, le=LARGEST_ID)] | None
 """An answer in a file: a text, a number, or true or false for "yes" or "no"; null for none."""
 
 
+EXAMPLE = '{"id": "10003-7", "response": "A, C"}'
+"""A row of a file of answers, for error messages."""
+
+
 class _Row(TypedDict):
     id: RecordId
     response: Word
@@ -54,7 +58,7 @@ def read_answers(path: str | Path) -> dict[QuestionKey, Given]:
     data = read_json_bytes(path)
     start = data.lstrip()[:1]
     if start not in (b"[", b"{"):
-        expected = 'a row such as {"id": "10003-7", "response": "A, C"} for each question, or an EvalAI submission'
+        expected = f"a row such as {EXAMPLE} for each question, or an EvalAI submission"
         raise DataError(f"{path}: {'not JSON Lines' if start else 'is empty'}; expected {expected}")
     answers: dict[QuestionKey, Given] = {}
     rows = _of_submission(read_submission(path)) if start == b"[" else _of_lines(data, str(path))
@@ -93,7 +97,10 @@ def write_responses(path: str | Path, responses: Iterable[tuple[QuestionKey, str
 def _of_lines(data: bytes, name: str) -> Iterator[tuple[str, QuestionKey, str]]:
     """Where the answer stands, its question and the response."""
     for number, content in parse_json_lines(data, name):
-        row: _Row = convert(content, _Row, f"{name}, line {number}: ")
+        try:
+            row: _Row = convert(content, _Row, f"{name}, line {number}: ")
+        except DataError as e:
+            raise DataError(f"{e}; expected a row such as {EXAMPLE}") from e
         scene, question = map(int, row["id"].split("-"))
         yield f", line {number}", (scene, question), _text(row["response"])
 
