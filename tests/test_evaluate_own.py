@@ -91,6 +91,13 @@ def test_a_bug_in_a_part_of_ones_own_is_raised(pipeline: nsdr.Pipeline, root: Pa
         nsdr.evaluate(with_dynamics(pipeline, Broken()), root)
 
 
+def test_a_path_that_is_not_there_is_named(pipeline: nsdr.Pipeline) -> None:
+    with pytest.raises(nsdr.DataError, match=r"^nothere: no such file or folder"):
+        nsdr.evaluate(pipeline, "nothere")
+    with pytest.raises(nsdr.DataError, match=r"questions_500002\.json is a question file; data=… names"):
+        nsdr.evaluate(pipeline, QUESTIONS)
+
+
 def test_settings_that_the_pipeline_has_are_refused(pipeline: nsdr.Pipeline, root: Path) -> None:
     with pytest.raises(nsdr.DataError, match="dynamics: the pipeline that is given has its own"):
         nsdr.evaluate(pipeline, root, dynamics="propnet")

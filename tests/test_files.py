@@ -341,8 +341,10 @@ def test_questions_without_answers_are_answered_and_not_scored(root, capsys) -> 
     assert report["descriptive"]["accuracy"] is None
     assert "correct" not in report["results"][0]
     assert read_submission(root / "sub.json")[0]["questions"][0]["answer"] == labelled[0].questions[0].answer
-    assert main(["evaluate", *arguments]) == 0
-    assert "nothing was written: --submission or --output" in capsys.readouterr().out
+    assert main(["evaluate", *arguments]) == 2
+    found = capsys.readouterr()
+    assert found.out == ""
+    assert "test.json: the questions have no answers to score; name a file for ours by --submission or -o" in found.err
     (example,) = read_questions(QUESTIONS)
     choices = [q for q in example.questions if q.choices]
     half = replace(

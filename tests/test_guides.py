@@ -15,7 +15,7 @@ from nsdr.cli.main import main
 from tests.test_docs import ROOT, commands
 
 MADE = (
-    "generate dataset --config configs/generate/preview.yaml -o ROOT --videos 4 --counterfactual-videos 1 --workers 1 "
+    "generate dataset --config preview -o ROOT --videos 4 --counterfactual-videos 1 --workers 1 "
     "--scene.n-frames 64 "
     '--splits \'{"train": 0.25, "validation": 0.5, "test": 0.25}\' --render.width 240 --render.height 160'
 )

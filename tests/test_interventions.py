@@ -517,7 +517,7 @@ def test_the_command_writes_a_report_a_video_and_json(
         line.startswith("  no longer: the blue rubber cylinder and the red rubber cube collide (frame") for line in said
     )
     content = json.loads(document.read_text())
-    assert [e["objects"] for e in content["events"] if e["type"] == "collision"] == [[0, 1]]
+    assert [e["objects"] for e in content["events"] if e["kind"] == "collision"] == [[0, 1]]
     assert content["interventions"] == [{"type": "Freeze", "object": "blue rubber cylinder"}]
     capture = cv2.VideoCapture(str(video))
     size = [capture.get(p) for p in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH)]

@@ -111,6 +111,26 @@ def test_configurations_of_a_wheel_are_found_by_name(package, tmp_path, monkeypa
         pipeline_settings("papier")
     assert find_config("mine/paper", "pipeline") == Path("mine/paper")
     assert find_config("mine.yaml", "pipeline") == Path("mine.yaml")
+    named = r"^configs/pipeline/paper\.yaml: no such file; .*: --config paper$"
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DataError, match=named):
+        pipeline_settings("configs/pipeline/paper.yaml")
+
+
+def test_every_name_of_a_configuration_in_the_docs_is_found() -> None:
+    root = Path(__file__).parents[1]
+    groups = {"generate": "generate", "train frame-parser": "frame_parser", "train question-parser": "question_parser"}
+    groups |= {"train dynamics": "dynamics", "train collisions": "dynamics", "train baseline": "baselines"}
+    groups |= {"data features": "baselines", "answer": "pipeline", "evaluate": "pipeline"}
+    found = []
+    for page in (root / "README.md", *(root / "docs").glob("*.md")):
+        for command, name in re.findall(
+            r"nsdr ((?:train |data )?[\w-]+)[^`\n]*? --config ([\w/]+)(?![\w/$])", page.read_text(encoding="utf-8")
+        ):
+            if name not in ("NAME", "FILE"):
+                found.append(find_config(name, groups[command]))
+    assert len(found) > 15
+    assert all(file.is_file() for file in found)
 
 
 def test_a_missing_checkpoint_says_where_it_was_looked_for(tmp_path, monkeypatch) -> None:

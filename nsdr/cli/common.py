@@ -73,7 +73,7 @@ def shared_options(parser: Any, *groups: str) -> None:
         parsers = "grammar (default), the paper's network, or the address of a language model, http://localhost:8000/v1[#MODEL]"
         add("--question-parser", default="", metavar="grammar|network|URL", help=parsers)
     if "extensions" in groups:
-        beyond = "also read questions beyond CLEVRER: speeds, directions, masses, changed objects (docs/questions.md)"
+        beyond = "also read questions beyond CLEVRER: speeds, directions, masses, changed objects"
         add("--extensions", action="store_true", help=beyond)
     if "work" in groups:
         add("--workers", type=NonNegativeInt, default=0, help="number of processes; 0 for one per CPU core")
@@ -82,16 +82,17 @@ def shared_options(parser: Any, *groups: str) -> None:
         add(KEEP_GOING, action="store_true", help="accept failures of a part of the work: status 0")
 
 
-def configured(kind: type[Config], arguments: Sequence[str], command: str, more: str = "") -> Config:
+def configured(kind: type[Config], arguments: Sequence[str], command: str, group: str, more: str = "") -> Config:
     """The configuration of a command whose options are its fields; `-o` is short for `--output`.
 
     Args:
         kind: the dataclass.
         arguments: of the command.
         command: its name.
+        group: the folder of `configs` whose files `--config` takes by their names.
         more: what its help says of other options.
     """
-    return parse_config(kind, arguments, f"nsdr {command}", more, {"-o": "--output"})
+    return parse_config(kind, arguments, f"nsdr {command}", more, {"-o": "--output"}, group)
 
 
 def print_parts(usage: str, parts: Mapping[str, tuple[Any, str]], more: str) -> None:

@@ -108,10 +108,14 @@ def data_features(arguments: list[str]) -> int:
     if any(argument.partition("=")[0] == "--features.source" for argument in fields):
         raise DataError("--features.source: --from says what features are made from; leave it out")
     extraction: FeatureExtraction | WordExtraction = (
-        configured(FeatureExtraction, fields, "data features", KEEP_GOING_HELP)
+        configured(FeatureExtraction, fields, "data features", "baselines", KEEP_GOING_HELP)
         if options.source == "videos"
         else configured(
-            WordExtraction, [*fields, "--features.source", options.source], "data features", KEEP_GOING_HELP
+            WordExtraction,
+            [*fields, "--features.source", options.source],
+            "data features",
+            "baselines",
+            KEEP_GOING_HELP,
         )
     )
     check_output_folder(extraction.output)
@@ -136,6 +140,7 @@ def export_options(parser: Any) -> None:
         dest="splits",
         nargs="+",
         default=[],
+        metavar="SPLIT",
         help="which splits (default: train and validation, as far as they are there)",
     )
     add("--questions", default="", help="question file of the one --split, in place of the data set's")

@@ -7,7 +7,7 @@ from typing import Any
 from jsonargparse.typing import NotEmptyStr, PositiveInt
 
 from nsdr.clevrer.dataset import SPLITS
-from nsdr.clevrer.files.questions import QUESTION_TYPES, read_questions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, has_answer, read_questions
 from nsdr.cli.common import Command, check_outputs, failures_line, print_notes, settings_of, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed, check_output_folder
@@ -52,12 +52,15 @@ def evaluate(options: Any) -> int:
     outputs = ((options.output, (".json",)), (options.submission, (".json",)))
     check_outputs([path for path in inputs if path], *outputs)
     check_output_folder(config.cache)
+    if not (options.output or options.submission):
+        _check_scored(config)
     report = run_evaluation(config)
     print(report)
     if report.notes:
         scene, (first, *_) = next(iter(report.notes.items()))
         kept = f"; {options.output} has them all" if options.output else "; -o FILE.json keeps them all"
-        print_notes([f"scenes with notes: {len(report.notes)}, such as scene {scene}: {first}{kept}"])
+        of_many = f"scenes with notes: {len(report.notes)}, such as " if len(report.notes) > 1 else ""
+        print_notes([f"{of_many}scene {scene}: {first}{kept}"])
     if report.unlabelled and not (options.output or options.submission):
         print("nothing was written: --submission or --output names a file for the answers")
     if options.output:
@@ -68,6 +71,17 @@ def evaluate(options: Any) -> int:
     elif options.submission:
         print(f"{options.submission}: not written, because of the failures; --keep-going writes it")
     return failures_line(failed, total, "questions", report.first_failure, options.keep_going)
+
+
+def _check_scored(config: Any) -> None:
+    """Refuse work whose results would neither be scored nor written."""
+    from nsdr.evaluation.settings import selected_questions
+
+    scenes, _ = selected_questions(config)
+    questions = [q for scene in scenes for q in scene.questions if q.type in config.types]
+    if questions and not any(map(has_answer, questions)):
+        file = config.questions or f"{config.root}, split {config.split}"
+        raise DataError(f"{file}: the questions have no answers to score; name a file for ours by --submission or -o")
 
 
 def experiment_options(parser: Any) -> None:
@@ -96,7 +110,7 @@ def score_options(parser: Any) -> None:
     add("other", nargs="?", default=None, help="a second system's file, to be compared with the first")
     add("--questions", type=NotEmptyStr, required=True, help="question file with answers, in CLEVRER's format")
     add("--allow-missing", action="store_true", help="leave out questions without an answer; else they count as wrong")
-    add("-o", "--output", default=None, help="write the report as JSON")
+    add("-o", "--output", default=None, metavar="FILE", help="write the report as JSON")
 
 
 def score(options: Any) -> int:

@@ -63,21 +63,33 @@ class QuestionOptions(Settings):
 
 
 def _dataset(arguments: Sequence[str]) -> str:
-    config = configured(DatasetConfig, [a for a in arguments if a != KEEP_GOING], "generate dataset", KEEP_GOING_HELP)
+    config = configured(
+        DatasetConfig, [a for a in arguments if a != KEEP_GOING], "generate dataset", "generate", KEEP_GOING_HELP
+    )
     check_output_folder(config.output)
-    return str(generate_dataset(config, KEEP_GOING in arguments))
+    root = generate_dataset(config, KEEP_GOING in arguments)
+    print(_splits(config))
+    return str(root)
 
 
 def _violations(arguments: Sequence[str]) -> str:
     config = configured(
-        ViolationsConfig, [a for a in arguments if a != KEEP_GOING], "generate violations", KEEP_GOING_HELP
+        ViolationsConfig, [a for a in arguments if a != KEEP_GOING], "generate violations", "generate", KEEP_GOING_HELP
     )
     check_output_folder(config.output)
-    return str(generate_violations(config, KEEP_GOING in arguments))
+    root = generate_violations(config, KEEP_GOING in arguments)
+    print(_splits(config))
+    return str(root)
+
+
+def _splits(config: DatasetConfig) -> str:
+    """How many videos each split has: "4 videos: train 2, validation 1, test 1"."""
+    counts = {name: len(indices) for name, indices in config.indices().items()}
+    return f"{config.videos} videos: {', '.join(f'{name} {count}' for name, count in counts.items() if count)}"
 
 
 def _scene(arguments: Sequence[str]) -> str:
-    options = configured(SceneOptions, arguments, "generate scene")
+    options = configured(SceneOptions, arguments, "generate scene", "generate")
     check_output(options.output, [".json"])
     scene = simulate_scene(options.seed, options.scene)
     write_json(options.output, truth_document(scene, options.seed, CLEVRER_CAMERA))
@@ -85,7 +97,7 @@ def _scene(arguments: Sequence[str]) -> str:
 
 
 def _questions(arguments: Sequence[str]) -> str:
-    options = configured(QuestionOptions, arguments, "generate questions")
+    options = configured(QuestionOptions, arguments, "generate questions", "generate")
     paths = [options.scenes] if isinstance(options.scenes, str) else options.scenes
     check_output(options.output, [".json"], paths)
     scenes: list[Any] = sorted((s for path in paths for s in iterate_scenes(path)), key=lambda scene: scene[0])

@@ -125,7 +125,7 @@ def _overview(arguments: list[str]) -> int:
     print(
         "nsdr COMMAND …: answers questions about videos of colliding objects. nsdr COMMAND --help shows a command's options,"
     )
-    print("--debug tracebacks; docs/cli.md explains them.")
+    print("--debug tracebacks; the documentation's page 'Command line' explains them.")
     for group in dict.fromkeys(group for group, *_ in COMMANDS.values()):
         print(f"\n{group}:")
         _print_table(_summaries(group))

@@ -31,8 +31,15 @@ def parse_options(parser: Any) -> None:
     output = (
         "scene file of one video, .json; else a folder for scene_N.json, with proposal_N.json where videos are parsed"
     )
-    add("-o", "--output", default=None, help=f"{output}; of one video, without it the scene is printed only")
-    add("--proposals-out", default=None, help="of one video: also write its mask proposals in CLEVRER's format, .json")
+    add(
+        "-o",
+        "--output",
+        default=None,
+        metavar="FILE|FOLDER",
+        help=f"{output}; of one video, without it the scene is printed only",
+    )
+    proposals = "of one video: also write its mask proposals in CLEVRER's format, .json"
+    add("--proposals-out", default=None, metavar="FILE", help=proposals)
     forms = "of mask proposals: write scenes, or predictions in the research code's files"
     add("--form", default="scenes", choices=["scenes", "predictions"], help=forms)
     shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")

@@ -34,8 +34,8 @@ IMAGES = ("strobe", "last", "plan")
 def judge_options(parser: Any) -> None:
     add = parser.add_argument
     add("videos", nargs="+", help="video files, animated images (GIF, WebP) or folders of frames (PNG, JPEG)")
-    add("-o", "--output", default=None, help="report, .json; a folder beside it keeps what is done")
-    add("--report", default=None, help="page with frames of the violations, .html")
+    add("-o", "--output", default=None, metavar="FILE", help="report, .json; a folder beside it keeps what is done")
+    add("--report", default=None, metavar="FILE", help="page with frames of the violations, .html")
     shared_options(parser, "checkpoint", "pipeline", "video", "work", "failures")
 
 

@@ -177,7 +177,7 @@ def _document(s: Simulation) -> dict[str, Any]:
     known = s.probabilities
 
     def row(event: Event) -> dict[str, Any]:
-        content: dict[str, Any] = {"type": event.kind, "frame": event.frame, "objects": list(event.objects)}
+        content: dict[str, Any] = {"kind": event.kind, "frame": event.frame, "objects": list(event.objects)}
         if known is not None and event in known:
             content["probability"] = known[event]
         return content

@@ -22,9 +22,7 @@ def train(arguments: list[str]) -> int:
         raise DataError(f"nsdr train: name a part: {', '.join(PARTS)}; nsdr train --help says what they are")
     part, *rest = arguments
     if part in HELP:
-        usage = (
-            "nsdr train PART [--config configs/….yaml] [--steps N] [--batch-size N] [--lr RATE] [--device cpu|cuda] …"
-        )
+        usage = "nsdr train PART [--config NAME|FILE] [--steps N] [--batch-size N] [--lr RATE] [--device cpu|cuda] …"
         more = "nsdr train PART --help shows the options. The same command resumes a run; with more --steps it makes it longer."
         print_parts(usage, PARTS, more)
         return 0

@@ -124,7 +124,8 @@ def settings_of(backend: Dynamics) -> BackendConfig:
     if name not in BACKENDS.names():
         kind = type(backend).__name__
         raise DataError(
-            f"{kind} has no `name` of an installed backend ({', '.join(BACKENDS.names())}); see docs/plugins.md"
+            f"{kind} has no `name` of an installed backend ({', '.join(BACKENDS.names())}); see 'Replace a part' in the "
+            "documentation"
         )
     if not isinstance(backend, PhysicsPredictor):
         return BackendConfig(name)

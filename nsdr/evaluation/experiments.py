@@ -110,7 +110,9 @@ def read_experiment(path: str | Path) -> tuple[str, list[ExperimentRow]]:
         if len(names) < len(rows):
             raise DataError(f"two rows are named {names.most_common(1)[0][0]!r}")
     except DataError as e:
-        raise DataError(f"{path}: not an experiment file ({e}); see configs/experiments") from e
+        raise DataError(
+            f"{path}: not an experiment file ({e}); see 'Evaluate your own model' in the documentation"
+        ) from e
     return content.title, rows
 
 

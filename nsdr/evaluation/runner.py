@@ -78,6 +78,10 @@ def evaluate(
     if given := [name for name in OF_PIPELINES if name in settings]:
         raise DataError(f"{', '.join(given)}: the pipeline that is given has its own; leave it out")
     path = str(questions)
+    if not Path(path).exists():
+        raise DataError(f"{path}: no such file or folder; expected a data set's folder, or a question file with data=…")
+    if not (Path(path).is_dir() or settings.get("data")):
+        raise DataError(f"{path} is a question file; data=… names the folder or file that scenes are made from")
     where: dict[str, Any] = {"root": path} if Path(path).is_dir() else {"questions": path}
     config = EvaluationConfig(**where, split=split, limit=limit, **settings)
     parser = None if config.programs == "gold" else pipeline.question_parser

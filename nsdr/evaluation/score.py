@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions
+from nsdr.clevrer.files.questions import QUESTION_TYPES, Question, SceneQuestions, has_answer
 from nsdr.errors import ExecutionError, NsdrError, QuestionError
 from nsdr.evaluation.report import Report, Row, without_none
 from nsdr.symbolic import Executor, OfficialExecutor, Program
@@ -95,7 +95,7 @@ def _answer(executor: Executor | OfficialExecutor, question: Question, parse: Pa
 
 def _result(scene: SceneQuestions, question: Question, found: Answer | NsdrError) -> Row:
     """A question's row of the report."""
-    is_scored = None not in ([c.answer for c in question.choices] or [question.answer])  # the test split has no answers
+    is_scored = has_answer(question)
     row: Row = {
         "scene_index": scene.scene_index,
         "question_id": question.id,

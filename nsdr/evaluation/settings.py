@@ -37,10 +37,10 @@ class EvaluationConfig(Settings):
     Attributes:
         questions: question file; "" with `root`.
         data: folder or file that `source` reads; "" with `root`.
-        root: folder of a data set in CLEVRER's official layout (docs/dataset.md), in place of `questions` and `data`.
+        root: folder of a data set in CLEVRER's official layout, in place of `questions` and `data`.
         split: which part of `root`.
         available: whether only the videos of `root` that are there count; if not, all must be there.
-        source: what scenes are made from, such as "videos", "proposals", "tracks" or "ground-truth" (docs/cli.md has all).
+        source: what scenes are made from, such as "videos", "proposals", "annotations" or "scenes"; a wrong word lists all.
         videos: folder of the videos that the proposals of `data` are of, for a dynamics backend that reads images.
         programs: "parsed", or "gold" for those of the question file.
         question_parser: "grammar", "network", or a language model's address; "" for that of `config` (grammar).

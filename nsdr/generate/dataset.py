@@ -66,8 +66,8 @@ class DatasetConfig(Settings):
         splits: share of the videos in train, validation and test (normalised before use).
         renderer: "preview" (fast), "blender" with `render.assets`, or "none" for data sets without videos.
         masks: whether to write exact masks as mask proposals (about 0.3 MB per video).
-        questions: settings of the questions of each split; None for a data set without questions. The answers to the test
-            split's questions are only in `truth/questions_test.json`.
+        questions: settings of the questions of each split; "null" (None in Python) for a data set without questions. The
+            answers to the test split's questions are only in `truth/questions_test.json`.
         counterfactual_videos: number of videos without one of the objects that are written for each video, in data sets of
             their own below `counterfactual/` (see `Files`), beginning with the objects whose removal changes most
             (see `removals_by_effect`).

@@ -42,7 +42,8 @@ class ViolationsConfig(DatasetConfig):
     Attributes:
         videos: number of videos, two for each pair.
         first_scene: number of the scene of the first pair. Scenes that give no occasion to break the law are skipped.
-        splits: a single split.
+        splits: the split of all videos, such as {test: 1}; there is one.
+        questions: always null: the questions are about what is impossible.
         laws: laws to break, from `nsdr.types.LAWS`.
         sizes: how clearly they are broken: "clear", "small" or "limit".
     """

@@ -16,6 +16,7 @@ import jsonargparse
 from nsdr.errors import DataError
 from nsdr.io.help import expected, formatted_help
 from nsdr.io.reading import read_yaml
+from nsdr.io.shipped import find_config
 
 T = TypeVar("T")
 MISSING, WRONG = "the following arguments are required: ", re.compile(r'(?:Parser key "|argument --)([\w.-]+)')
@@ -109,6 +110,7 @@ def parse_config(
     program: str,
     epilog: str = "",
     short: Mapping[str, str] = MappingProxyType({}),
+    group: str = "",
 ) -> T:
     """The configuration `kind` from arguments such as `["--config", "a.yaml", "--loop.batch-size", "10"]`.
 
@@ -118,12 +120,13 @@ def parse_config(
         program: the command's name, for its help and error messages.
         epilog: what its help says at the end.
         short: other names of options, such as {"-o": "--output"}; the help lists them.
+        group: the folder of `configs` whose files `--config` takes by their names (see `find_config`); "" for none.
 
     Raises:
         DataError: an unreadable file, an unknown or missing key, or a value of another type or out of its range; names it.
     """
     given = list(sys.argv[1:] if argv is None else argv)
-    arguments = [_in_full(a, short) for a in given]
+    arguments = _with_files([_in_full(a, short) for a in given], group)
     options = [*pairwise(arguments), *(a.split("=", 1) for a in arguments if a.startswith("--") and "=" in a)]
     for name, value in options:
         _check_option(name, value)
@@ -135,7 +138,9 @@ def parse_config(
     about = (kind.__doc__ or "").splitlines()[0]
     end = " ".join([*(f"{name} is short for {option}." for name, option in short.items()), epilog]).strip()
     parser = OptionParser(prog=program, description=about, epilog=end or None, exit_on_error=False)
-    parser.add_argument("--config", action="config", help="a YAML file; flags after it win")
+    parser.add_argument(
+        "--config", action="config", help="a YAML file, or the name of one that ships; flags after it win"
+    )
     parser.add_class_arguments(kind)
     parser.check_repeated(arguments)
     try:
@@ -143,17 +148,27 @@ def parse_config(
         values.pop("config")
         return kind(**values)
     except UNUSABLE as e:
-        if isinstance(e, jsonargparse.ArgumentError) and (name := e.argument_name):
+        if isinstance(e, jsonargparse.ArgumentError) and (wrong := e.argument_name):
             names = [a.partition("=")[0] for a in given]
-            asked = [n for n in names if short.get(n, n).replace("_", "-") == name]
-            where = asked[:1] or [f"{', '.join(files)}: {name[2:].replace('-', '_')}"]
-            got = [f", got {value:.60}" for n, value in options if asked and n.replace("_", "-") == name]
+            asked = [n for n in names if short.get(n, n).replace("_", "-") == wrong]
+            where = asked[:1] or [f"{', '.join(files) or program}: {wrong[2:].replace('-', '_')}"]
+            got = [f", got {value:.60}" for n, value in options if asked and n.replace("_", "-") == wrong]
             raise DataError("".join([f"{where[0]}: {e.message}", *got[:1]])) from e
         message = " ".join(str(e).split()) or type(e).__name__
         where = _at_fault(given, short, message) or files or ([] if isinstance(e, DataError) else [program])
         names_it = not where or message.startswith(("--", "unrecognized arguments"))
-        about = f"{where[0].lstrip('-').replace('-', '_')}: " if where else ""
-        raise DataError(message if names_it else f"{', '.join(where)}: {message.removeprefix(about)}") from e
+        field = f"{where[0].lstrip('-').replace('-', '_')}: " if where else ""
+        raise DataError(message if names_it else f"{', '.join(where)}: {message.removeprefix(field)}") from e
+
+
+def _with_files(arguments: Sequence[str], group: str) -> list[str]:
+    """The arguments with the files of configurations in place of their names."""
+    found = []
+    for before, argument in pairwise(["", *arguments]):
+        if group and argument.startswith("--config="):
+            argument = f"--config={find_config(argument.partition('=')[2], group)}"
+        found.append(str(find_config(argument, group)) if group and before == "--config" else argument)
+    return found
 
 
 def _at_fault(given: Sequence[str], short: Mapping[str, str], message: str) -> list[str]:

@@ -35,7 +35,7 @@ def written(kind: Any) -> str:
         return "|".join(str(word) for word in arguments if word != "")
     if kind is bool:
         return "true|false"
-    if is_dataclass(kind):
+    if is_dataclass(kind) or kind is NoneType:
         return "null"
     if isinstance(kind, type) and issubclass(kind, int | float):
         return "NUMBER"
@@ -116,7 +116,11 @@ def formatted_help(parser: Any, needed: Sequence[str], groups: Mapping[str, Sequ
         about = "settings of a section; --config FILE has them, too, and --print-config prints all"
         lines += ["", "sections:", *_row(", ".join(f"--{_dashed(name)}.NAME" for name in sections), about)]
     if more:
-        lines += ["", "more (docs/cli.md):", *_wrapped(", ".join(f"--{_dashed(name)}" for name in more), "  ")]
+        lines += [
+            "",
+            "more (the documentation's page 'Command line'):",
+            *_wrapped(", ".join(f"--{_dashed(name)}" for name in more), "  "),
+        ]
     return "\n".join([*lines, *(["", *_wrapped(parser.epilog, "")] if parser.epilog else []), ""])
 
 

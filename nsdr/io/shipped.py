@@ -20,18 +20,26 @@ def find_config(file_or_name: str | Path, group: str) -> Path:
     """The YAML file of a configuration.
 
     Args:
-        file_or_name: a file; or the name of a configuration that ships, which has neither a slash nor an ending.
+        file_or_name: a file; or the name of a configuration that ships, without an ending, such as "paper" or "small/mac".
         group: the subfolder of `configs` in which the name is looked for, such as "pipeline".
 
     Raises:
-        DataError: no configuration of this name ships; the message lists those that do.
+        DataError: no configuration of this name ships (lists those that do), or a file is not there whose path is that of one
+            that ships (names it).
     """
     given = Path(file_or_name)
+    folders = [
+        root / group for root in reversed(shipped_folders("configs"))
+    ]  # of two of one name, that of the checkout counts
+    files = {f.relative_to(folder).with_suffix("").as_posix(): f for folder in folders for f in folder.rglob("*.yaml")}
+    if given.as_posix() in files:
+        return files[given.as_posix()]
     if given.suffix or given.name != str(file_or_name):
+        name = given.with_suffix("").as_posix().rpartition(f"configs/{group}/")[2]
+        if given.suffix == ".yaml" and name in files and not given.exists():
+            raise DataError(
+                f"{given}: no such file; the configuration of this path that ships is named {name}: --config {name}"
+            )
         return given
-    roots = reversed(shipped_folders("configs"))  # of two files of one name, that of the checkout counts
-    files = {file.stem: file for root in roots for file in (root / group).glob("*.yaml")}
-    if given.name not in files:
-        known = ", ".join(sorted(files)) or "none"
-        raise DataError(f"no configuration {given.name!r} ships; expected a YAML file, or one of {known}")
-    return files[given.name]
+    known = ", ".join(sorted(files)) or "none"
+    raise DataError(f"no configuration {given.name!r} ships; expected a YAML file, or one of {known}")

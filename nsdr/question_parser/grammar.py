@@ -20,7 +20,7 @@ from nsdr.question_parser.contents import content_readings
 from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program, ProgramSource, program_tokens
 
-REMEDY = "word it like a CLEVRER question or option (docs/questions.md)"
+REMEDY = "word it like a CLEVRER question or option"
 PUNCTUATION = frozenset("'\u2018\u2019\",.;:?!-()/&\u2013\u2014\u201c\u201d\u2026")
 """Characters of a text beside letters, digits and spaces."""
 MAX_UNUSED = 4

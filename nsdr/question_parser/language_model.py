@@ -189,11 +189,9 @@ def _first_program(reply: str, text: str, model: str) -> Program:
         why = f" ({error})" if error else ""
         raise QuestionError(
             f"{text!r}: the reply of {model!r:.80} holds no program{why}: {reply.strip()!r:.{QUOTED_CHARACTERS}}; word the "
-            "text like a CLEVRER question (docs/questions.md), or use another model"
+            "text like a CLEVRER question, or use another model"
         )
-    raise QuestionError(
-        f"{text!r} fits no program, says {model!r:.80}; word it like a CLEVRER question (docs/questions.md)"
-    )
+    raise QuestionError(f"{text!r} fits no program, says {model!r:.80}; word it like a CLEVRER question")
 
 
 def _candidates(reply: str) -> Iterator[str]:

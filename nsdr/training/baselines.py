@@ -1,4 +1,4 @@
-"""Train a baseline: `nsdr train baseline --config configs/baselines/NAME.yaml`."""
+"""Train a baseline: `nsdr train baseline --config small/mac`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

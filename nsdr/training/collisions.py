@@ -1,4 +1,4 @@
-"""Train the collision network: `nsdr train collisions --config configs/dynamics/collisions.yaml --run-dir runs/collisions`."""
+"""Train the collision network: `nsdr train collisions --config collisions --run-dir runs/collisions`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

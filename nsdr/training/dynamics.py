@@ -1,4 +1,4 @@
-"""Train the dynamics predictor: `nsdr train dynamics --config configs/dynamics/propnet.yaml --run-dir runs/dynamics`.
+"""Train the dynamics predictor: `nsdr train dynamics --config propnet --run-dir runs/dynamics`.
 
 Here is the task of the network on states, the default; those of the paper's networks are in `patch_dynamics`.
 """

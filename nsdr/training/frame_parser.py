@@ -1,4 +1,4 @@
-"""Train the frame parser: `nsdr train frame-parser --config configs/frame_parser/default.yaml --run-dir runs/parser`."""
+"""Train the frame parser: `nsdr train frame-parser --config default --run-dir runs/parser`."""
 
 import re
 from collections.abc import Sequence

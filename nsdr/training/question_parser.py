@@ -1,4 +1,4 @@
-"""Train the question parser: `nsdr train question-parser --config configs/question_parser/default.yaml`."""
+"""Train the question parser: `nsdr train question-parser --config default`."""
 
 import random
 from collections.abc import Mapping, Sequence

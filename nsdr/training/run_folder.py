@@ -39,6 +39,14 @@ SHORT_OPTIONS = {
     "--device": "--loop.device",
 }
 """Short names of options of `nsdr train PART`."""
+CONFIGS = {
+    "frame-parser": "frame_parser",
+    "dynamics": "dynamics",
+    "collisions": "dynamics",
+    "question-parser": "question_parser",
+    "baseline": "baselines",
+}
+"""The folder of `configs` with the settings of each part."""
 
 
 def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
@@ -48,7 +56,7 @@ def parse_training(kind: type[T], argv: Sequence[str] | None, part: str) -> T:
         DataError: see `parse_config`; `run_dir` or `output` is no folder or read-only; or there is no such device.
         MachineError: `run_dir` or `output` cannot be written.
     """
-    config: Any = parse_config(kind, argv, f"nsdr train {part}", short=SHORT_OPTIONS)
+    config: Any = parse_config(kind, argv, f"nsdr train {part}", short=SHORT_OPTIONS, group=CONFIGS[part])
     resolve_device(config.loop.device)  # reading the data may take minutes
     for folder in (config.run_dir, config.output or config.run_dir):
         check_output_folder(folder)

@@ -43,8 +43,8 @@ class DynamicsTraining(Settings):
     """Training of the dynamics predictor on tracks of real proposals, or on videos for the network on images.
 
     Attributes:
-        proposals: compact proposals of the training scenes (NPZ); not for "propnet_images".
-        truth: ground-truth blocks of the same scenes (gzipped JSON); not for "propnet_images".
+        proposals: file of compact proposals of the training scenes (NPZ); not for "propnet_images".
+        truth: file of ground-truth blocks of the same scenes (gzipped JSON); not for "propnet_images".
         run_dir: folder of the run; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         initial: folder of a checkpoint to start from; "" starts from random weights.

@@ -34,6 +34,7 @@ __all__ = [
     "Choice",
     "Question",
     "SceneQuestions",
+    "has_answer",
     "read_questions",
     "without_answers",
     "write_questions",
@@ -259,6 +260,11 @@ def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:
     Options that are tagged have a `tag`, which other readers skip.
     """
     write_json(path, msgspec.to_builtins(list(scenes)))
+
+
+def has_answer(question: Question) -> bool:
+    """Whether a question's true answer is known, and that of each of its choices; those of the test split are not."""
+    return None not in ([c.answer for c in question.choices] or [question.answer])
 
 
 def without_answers(scene: SceneQuestions) -> SceneQuestions:

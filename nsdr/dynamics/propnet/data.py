@@ -173,7 +173,7 @@ def read_image_dataset(
     if not rows:
         raise DataError(
             f"{root}: holds no train video of {VIDEO_FRAMES} frames with {MIN_OBJECTS} to {MAX_OBJECTS} objects; make some "
-            "with `nsdr generate dataset --config configs/generate/preview.yaml`"
+            "with `nsdr generate dataset --config preview`"
         )
     return MotionDataset.of(rows), files
 

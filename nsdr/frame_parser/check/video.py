@@ -99,7 +99,7 @@ def check_video(path: VideoSource, config: VideoConfig | None = None) -> VideoCh
         raise VideoError(
             f"{path}: not a video of CLEVRER's scene: {'; '.join(found.refused)}. Expected: its grey ground, lamps and "
             f"camera, upright, in colour, 480x320. --force goes on all the same (in Python, VideoConfig(check='warn')); "
-            "docs/other_cameras.md is about other scenes"
+            "the documentation's page 'Other cameras, lamps and objects' is about other scenes"
         )
     return found
 
