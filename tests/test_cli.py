@@ -208,11 +208,11 @@ def test_a_question_is_parsed_without_heavy_libraries() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "names"), [(["answer", "answer.mp4"], "question"), (["export", "."], "format, output")]
+    ("arguments", "names"), [(["answer", "answer.mp4"], "QUESTION"), (["export", "."], "--format, --output")]
 )
 def test_missing_arguments_are_named_as_the_help_names_them(capsys, arguments, names) -> None:
     command = arguments[0]
-    wanted = f"error: nsdr {command}: the following arguments are required: {names}; nsdr {command} --help shows the options\n"
+    wanted = f"error: nsdr {command}: {names} must be given; nsdr {command} --help shows the options\n"
     assert run(capsys, *arguments) == (2, "", wanted)
 
 

@@ -605,3 +605,12 @@ def test_resimulation_finds_masses(scenes) -> None:
     ((expected, found),) = result.frames.values()
     assert expected == found
     assert result.error_world[:, -1].max() < 0.05
+
+
+def test_the_command_says_how_many_videos_each_split_has(tmp_path, monkeypatch, capsys) -> None:
+    from nsdr.cli import generate
+
+    monkeypatch.setattr(generate, "generate_dataset", lambda config, keep_going: tmp_path)
+    for given, told in (([], "train 2, validation 1, test 1"), (["--splits", '{"validation": 1}'], "validation 4")):
+        assert main(["generate", "dataset", "-o", str(tmp_path), "--videos", "4", *given]) == 0
+        assert capsys.readouterr().out == f"4 videos: {told}\n{tmp_path}\n"

@@ -168,6 +168,7 @@ def test_options_are_refused_in_one_line_and_nothing_is_written(capsys, tmp_path
         ("evaluate --root D --split all", "--split: expected train|validation|test"),
         ("evaluate --root D --limit -1", "limit: Expected `int` >= 0, got -1"),
         ("compare-videos --root D --generated D -o D --given-frames 0", "--given-frames: expected a whole number >0"),
+        ("program q --kind x", "argument --kind: expected auto|descriptive|multiple_choice|choice"),
         ("export D -o D/new", "nsdr export: --format must be given"),
         ("answer D/scene.json", "nsdr answer: QUESTION must be given"),
     ],
@@ -189,7 +190,9 @@ def test_settings_from_python_name_the_field_and_what_it_may_be() -> None:
 
 def test_the_default_of_a_list_is_shown_as_it_is_typed(capsys) -> None:
     assert main(["generate", "violations", "--help"]) == 0
-    assert "(default: [clear, small, limit])" in " ".join(capsys.readouterr().out.split())
+    out = " ".join(capsys.readouterr().out.split())
+    assert "(default: [clear, small, limit])" in out
+    assert "--questions null" in out
 
 
 def test_a_parsed_configuration_names_what_is_wrong(tmp_path) -> None:
@@ -276,6 +279,12 @@ def test_a_file_that_cannot_be_opened_is_named(capsys, tmp_path) -> None:
     assert main(["program", "objects count", "--run", str(tmp_path)]) == 2
     assert str(tmp_path) in capsys.readouterr().err
     assert Path(tmp_path).is_dir()
+
+
+def test_files_are_called_files_in_the_help(capsys) -> None:
+    for command in ("parse", "judge", "score"):
+        assert main([command, "--help"]) == 0
+        assert " TEXT" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

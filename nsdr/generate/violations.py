@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -53,7 +53,7 @@ class ViolationsConfig(DatasetConfig):
 
     videos: Annotated[int, Meta(ge=2, le=limits().videos, multiple_of=2)] = 60
     splits: Mapping[SplitName, Share] = field(default_factory=lambda: {"validation": 1.0})
-    questions: None = None
+    questions: Literal[None] = None
     laws: Annotated[tuple[Annotated[str, one_of(LAWS)], ...], Meta(min_length=1)] = tuple(LAWS)
     sizes: Annotated[tuple[Annotated[str, one_of(SIZES)], ...], Meta(min_length=1)] = SIZES
 

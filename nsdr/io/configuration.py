@@ -72,7 +72,8 @@ class OptionParser(jsonargparse.ArgumentParser):
         ]:  # fields of a section that may be null, which are no actions
             section = next(k for k in (kind, *get_args(kind)) if is_dataclass(k))
             kind, default = get_type_hints(section, include_extras=True)[name], None
-        error = jsonargparse.ArgumentError(None, expected(kind, default))
+        words = [str(word) for word in actions[known].choices or () if word != ""]
+        error = jsonargparse.ArgumentError(None, f"expected {'|'.join(words)}" if words else expected(kind, default))
         error.argument_name = option(key)
         raise error from ex
 

@@ -32,7 +32,7 @@ def written(kind: Any) -> str:
     if origin in (Union, UnionType):
         return "|".join(dict.fromkeys(written(option) for option in arguments if option is not NoneType))
     if origin is Literal:
-        return "|".join(str(word) for word in arguments if word != "")
+        return "|".join("null" if word is None else str(word) for word in arguments if word != "")
     if kind is bool:
         return "true|false"
     if is_dataclass(kind) or kind is NoneType:
