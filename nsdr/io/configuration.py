@@ -67,9 +67,8 @@ class OptionParser(jsonargparse.ArgumentParser):
         if known not in actions:
             raise jsonargparse.ArgumentError(None, message) from ex
         kind, default = getattr(actions[known], "_typehint", None) or actions[known].type, actions[known].default
-        for name in key.removeprefix(known).split(".")[
-            1:
-        ]:  # fields of a section that may be null, which are no actions
+        # Fields of a section that may be null are no actions.
+        for name in key.removeprefix(known).split(".")[1:]:
             section = next(k for k in (kind, *get_args(kind)) if is_dataclass(k))
             kind, default = get_type_hints(section, include_extras=True)[name], None
         words = [str(word) for word in actions[known].choices or () if word != ""]

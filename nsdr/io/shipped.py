@@ -28,9 +28,8 @@ def find_config(file_or_name: str | Path, group: str) -> Path:
             that ships (names it).
     """
     given = Path(file_or_name)
-    folders = [
-        root / group for root in reversed(shipped_folders("configs"))
-    ]  # of two of one name, that of the checkout counts
+    # Of two files of one name, that of the checkout counts.
+    folders = [root / group for root in reversed(shipped_folders("configs"))]
     files = {f.relative_to(folder).with_suffix("").as_posix(): f for folder in folders for f in folder.rglob("*.yaml")}
     if given.as_posix() in files:
         return files[given.as_posix()]
