@@ -309,11 +309,11 @@ def test_a_run_is_not_resumed_on_other_questions(scenes, tmp_path) -> None:
     [
         ({"system": "cnn"}, "system: expected one of lstm,.*, got 'cnn'"),
         ({"model": {"hiden": 3}}, "model: .*hiden"),
-        ({"model": {"hidden": 0}}, "model: .*hidden`"),
+        ({"model": {"hidden": 0}}, "model: .*hidden"),
         ({"features": "somewhere"}, "would do nothing"),
         ({"recolor": True}, "recolor: lstm sees no video, it would do nothing"),
         ({"system": "cnn_mlp"}, "needs pooled"),
-        ({"validation": ""}, "validation`"),
+        ({"validation": ""}, "validation"),
     ],
 )
 def test_trainings_without_effect_or_sense_are_refused(changes, message: str) -> None:

@@ -166,10 +166,10 @@ def test_overfits_eight_texts_about_four_videos(name: str) -> None:
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        (lambda: mac.MacConfig(steps=0), r"steps`"),
-        (lambda: mac.MacConfig(width=1), r"width`"),
-        (lambda: memory.MemoryConfig(slots=0), r"slots`"),
-        (lambda: tvqa.TvqaConfig(dropout=1.5), r"dropout`"),
+        (lambda: mac.MacConfig(steps=0), r"steps"),
+        (lambda: mac.MacConfig(width=1), r"width"),
+        (lambda: memory.MemoryConfig(slots=0), r"slots"),
+        (lambda: tvqa.TvqaConfig(dropout=1.5), r"dropout"),
     ],
 )
 def test_values_out_of_range(config: object, message: str) -> None:

@@ -171,13 +171,13 @@ def test_metrics_are_those_of_the_model_that_is_handed_over(name, tiny_motion, t
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ({"steps": 0}, "steps`"),
-        ({"batch_size": -1}, "batch_size`"),
-        ({"save_every": 0}, "save_every`"),
-        ({"learning_rate": float("nan")}, "learning_rate`"),
-        ({"ema": 1.0}, "ema`"),
-        ({"optimizer": "odd"}, "optimizer`"),
-        ({"schedule": "odd"}, "schedule`"),
+        ({"steps": 0}, "steps"),
+        ({"batch_size": -1}, "batch_size"),
+        ({"save_every": 0}, "save_every"),
+        ({"learning_rate": float("nan")}, "learning_rate"),
+        ({"ema": 1.0}, "ema"),
+        ({"optimizer": "odd"}, "optimizer"),
+        ({"schedule": "odd"}, "schedule"),
         ({"precision": "int3"}, "precision: expected one of auto, float32, bfloat16"),
     ],
 )

@@ -170,7 +170,7 @@ def test_conversion_errors_name_the_file(official, tmp_path, capsys) -> None:
     with pytest.raises(DataError, match=r"1 of 2 failed: video 3: .*proposal_00003.json: has no ground_truth, and"):
         write_compact_files(root, tmp_path / "motion", workers=1)
     assert main(["data", "motion", str(root)]) == 2
-    assert "nsdr data motion: the following arguments are required: output" in capsys.readouterr().err
+    assert "nsdr data motion: --output must be given" in capsys.readouterr().err
     assert main(["data", "verify", str(root), "--split", "train"]) == 2
     assert "unrecognized arguments: --split train" in capsys.readouterr().err
 

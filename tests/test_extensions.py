@@ -197,7 +197,7 @@ def test_physics_is_saved_and_old_scenes_load(known: Scene, small_scene: Scene, 
     ("values", "message"),
     [
         ({"velocity_world_per_s": np.zeros((4, 128, 3))}, "expected the shape"),
-        ({"velocity_error_world_per_s": -1.0}, "velocity_error_world_per_s`"),
+        ({"velocity_error_world_per_s": -1.0}, "velocity_error_world_per_s"),
         ({"log_mass": None}, "expected log_mass and log_mass_covariance, or neither"),
         ({"log_mass_covariance": -np.eye(4)}, "expected variances"),
         ({"log_mass": np.full(4, np.inf)}, "expected finite"),

@@ -395,10 +395,10 @@ def test_frames_are_evenly_spaced() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"backbone": "vgg"}, "backbone`"),
+        ({"backbone": "vgg"}, "backbone"),
         ({"kinds": ("maps", "maps")}, "each once"),
         ({"kinds": ()}, "one or more of pooled, maps, objects"),
-        ({"frames": 0}, "frames`"),
+        ({"frames": 0}, "frames"),
     ],
 )
 def test_settings_out_of_range_are_refused(values, message) -> None:

@@ -179,7 +179,7 @@ def test_scenes_obey_the_configuration() -> None:
         ({"objects": {1: 1.0}}, "objects: expected probabilities of 2 to 32 objects"),
         ({"colors": ("red",), "shapes": ("cube",)}, "leave 2 combinations for scenes of 6 objects"),
         ({"only": ("red",), "colors": ("blue",)}, "only: .* leave no combination that matches red"),
-        ({"n_frames": 5}, r"n_frames`"),
+        ({"n_frames": 5}, r"n_frames"),
     ],
 )
 def test_impossible_configurations_are_rejected(values, message) -> None:
@@ -540,16 +540,16 @@ def test_a_missing_simulator_is_named_before_the_work(monkeypatch, tmp_path) -> 
 
 def test_invalid_data_set_options_are_rejected(tmp_path, capsys) -> None:
     for values, message in (
-        ({"renderer": "oil"}, "renderer`"),
+        ({"renderer": "oil"}, "renderer"),
         ({"renderer": "blender"}, r"render\.assets: renderer blender needs CLEVR's Blender files, .*clevr-dataset-gen"),
         ({"splits": {"dev": 1.0}}, "train.*splits`"),
-        ({"videos": 0}, r"videos`"),
+        ({"videos": 0}, r"videos"),
         ({"seed": -1}, r"seed"),
         (
             {"counterfactual_videos": 5},
             "counterfactual_videos: expected at most 4, the fewest objects of a scene, got 5",
         ),
-        ({"first_scene": 990000}, "first_scene`"),
+        ({"first_scene": 990000}, "first_scene"),
     ):
         with pytest.raises(DataError, match=message):
             DatasetConfig(str(tmp_path), **values)

@@ -58,7 +58,7 @@ LEFT_OUT = (
         "--run-dir runs/mine",
         "CLEVRER/video_train",
         "data/generated",
-        "propnet_images.yaml",
+        "--config propnet_images",
         "runs/baseline_data",
         "small/mac",
     ),

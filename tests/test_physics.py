@@ -460,7 +460,7 @@ def test_backends_are_found_by_name_or_file(tmp_path) -> None:
     assert physics.config.runs == 7
     with pytest.raises(DataError, match="'magic': expected one of physics, propnet, propnet_patches"):
         load_backend("magic", folder)
-    with pytest.raises(DataError, match=r"predicted\|velocity.*collisions"):
+    with pytest.raises(DataError, match=r"collisions: Expected one of predicted, velocity, got "):
         load_backend(BackendConfig(collisions="none"), folder)
 
 

@@ -329,8 +329,8 @@ def test_questions_without_answers_have_no_programs_either(generated) -> None:
     ("values", "message"),
     [
         ({"per_video": {"riddle": 1.0}}, "count.*per_video`"),
-        ({"max_options": 1}, r"max_options`"),
-        ({"max_options": 27}, r"max_options`"),
+        ({"max_options": 1}, r"max_options"),
+        ({"max_options": 27}, r"max_options"),
     ],
 )
 def test_invalid_question_options_are_rejected(values, message) -> None:
