@@ -178,7 +178,7 @@ def test_metrics_are_those_of_the_model_that_is_handed_over(name, tiny_motion, t
         ({"ema": 1.0}, "ema"),
         ({"optimizer": "odd"}, "optimizer"),
         ({"schedule": "odd"}, "schedule"),
-        ({"precision": "int3"}, "precision: expected one of auto, float32, bfloat16"),
+        ({"precision": "int3"}, "precision: Expected one of auto, float32, bfloat16"),
     ],
 )
 def test_settings_of_the_loop_are_checked(option, message) -> None:

@@ -69,7 +69,7 @@ def test_the_papers_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_pa
     output = dynamics.main([*arguments, *LOOP, "--loop.steps", "3", *small])
     PatchPropNetPredictor.from_checkpoint(output)
     assert {"loss/motion", "loss/collision", "collision_f1", "rollout_error_25_p90"} <= set(lines(tmp_path / "run")[-1])
-    with pytest.raises(DataError, match=r"network.*'propnet_images'.*big"):
+    with pytest.raises(DataError, match=r"--network: expected .*propnet_images, got big"):
         dynamics.main([*arguments, "--network", "big"])
 
 
