@@ -445,7 +445,7 @@ def test_what_is_missing_is_refused_before_the_work(root, tmp_path, capsys) -> N
 
 def test_bad_requests_are_named(root, tmp_path, capsys) -> None:
     export(root, tmp_path / "out", "--format", "zebra", status=2)
-    assert re.search("format.*zebra.*grpo.*chat.*pairs", capsys.readouterr().err)
+    assert re.search("--format: expected grpo.*chat.*pairs, got zebra", capsys.readouterr().err)
     export(root, tmp_path / "out", "--format", "grpo", "--questions", "q.json", status=2)
     assert "a question file is of one split; name it (--split)" in capsys.readouterr().err
     questions = str(root / "questions" / "train.json")

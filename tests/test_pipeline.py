@@ -24,7 +24,6 @@ from nsdr import (
 )
 from nsdr.clevrer.example import QUESTIONS, VIDEO
 from nsdr.clevrer.files.questions import read_questions
-from nsdr.cli.simulate import _report as report_lines
 from nsdr.dynamics import StoredExplanation
 from nsdr.frame_parser import VideoConfig
 from nsdr.frame_parser.check.video import VideoCheck
@@ -121,7 +120,7 @@ def test_a_true_scene_answers_without_pixels(pipeline: Pipeline, example_scene: 
 def test_the_docs_show_what_an_intervention_changes(pipeline: Pipeline) -> None:
     page = (Path(__file__).parent.parent / "docs" / "interventions.md").read_text()
     simulation = pipeline.simulate(VIDEO, [Remove("green cylinder"), SetMass("cyan sphere", factor=4)])
-    assert "\n".join(report_lines(simulation)) in page
+    assert str(simulation) in page
 
 
 @pytest.mark.parametrize(

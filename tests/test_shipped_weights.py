@@ -29,7 +29,7 @@ def test_the_mean_of_the_initial_and_the_trained_weights(tiny_motion, tmp_path) 
     assert any(not torch.equal(first[name], second[name]) for name in first)
     for name, value in mean.items():
         torch.testing.assert_close(value, (first[name] + second[name]) / 2, rtol=1e-3, atol=1e-4)
-    with pytest.raises(DataError, match="mean_with_initial: needs a checkpoint to start from"):
+    with pytest.raises(DataError, match="--mean-with-initial: needs a checkpoint to start from"):
         trained("none", "--mean-with-initial", "true")
 
 

@@ -416,9 +416,7 @@ def test_serve_says_what_is_missing(monkeypatch: pytest.MonkeyPatch, capsys: pyt
 @pytest.mark.parametrize(("option", "value"), [("--port", "65536"), ("--max-seconds", "inf")])
 def test_serve_refuses_what_cannot_be(option: str, value: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["serve", option, value]) == 2
-    error = capsys.readouterr().err
-    assert option.removeprefix("--").replace("-", "_") in error
-    assert f"{value} does not conform to restriction" in error
+    assert re.search(f"{option}: expected a (whole )?number (from 1 to 65535|>0), got {value}", capsys.readouterr().err)
 
 
 def test_events_are_marked_in_the_timeline(small_scene: Scene) -> None:

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,6 +32,9 @@ from nsdr.tracking import TrackerConfig
 
 class Still:
     """A backend of a user's own."""
+
+    def explain(self, states: Any, collisions: Any = None) -> Any:
+        raise NotImplementedError
 
 
 def test_a_saved_pipeline_is_loaded_with_its_backend(perception: Perception, tmp_path: Path) -> None:

@@ -70,6 +70,7 @@ from .files.questions import (
     Choice as Choice,
     Question as Question,
     SceneQuestions as SceneQuestions,
+    has_answer as has_answer,
     read_questions as read_questions,
     without_answers as without_answers,
     write_questions as write_questions,

@@ -10,8 +10,8 @@ from nsdr.cli.common import Command, make_pipeline, shared_options
 from nsdr.errors import DataError
 from nsdr.io.files import check_installed
 
-Port = restricted_number_type("Port", int, [(">=", 1), ("<=", 65535)])
-Seconds = restricted_number_type("Seconds", float, [(">", 0), ("<", math.inf)])
+Port = restricted_number_type("Port", int, [(">=", 1), ("<=", 65535)], docstring="int restricted to be from 1 to 65535")
+Seconds = restricted_number_type("Seconds", float, [(">", 0), ("<", math.inf)], docstring="float restricted to be >0")
 
 
 def serve_options(parser: Any) -> None:

@@ -41,10 +41,12 @@ class OptionParser(jsonargparse.ArgumentParser):
         self.headings: dict[str, tuple[str, ...]] = {}
         self.more: tuple[str, ...] = ()
         self._needed: list[str] = []
+        self._given: list[str] = []
 
     def parse_args(self, args: Any = None, *others: Any, **named: Any) -> Any:
         """As argparse, but for the spelling; raises `DataError` for an option with underscores."""
         arguments = sys.argv[1:] if args is None else list(args)
+        self._given = arguments
         self._needed = [a.dest for a in self._actions if a.required]  # jsonargparse hides it from argparse
         end = arguments.index("--") if "--" in arguments else len(arguments)
         return super().parse_args([*map(self._of_field, arguments[:end]), *arguments[end:]], *others, **named)
@@ -72,9 +74,22 @@ class OptionParser(jsonargparse.ArgumentParser):
             section = next(k for k in (kind, *get_args(kind)) if is_dataclass(k))
             kind, default = get_type_hints(section, include_extras=True)[name], None
         words = [str(word) for word in actions[known].choices or () if word != ""]
-        error = jsonargparse.ArgumentError(None, f"expected {'|'.join(words)}" if words else expected(kind, default))
+        wanted, got = (
+            f"expected {'|'.join(words)}" if words else expected(kind, default),
+            self._value_of(actions[known]),
+        )
+        error = jsonargparse.ArgumentError(None, wanted if got is None else f"{wanted}, got {got:.60}")
         error.argument_name = option(key)
         raise error from ex
+
+    def _value_of(self, action: argparse.Action) -> str | None:
+        """What was given for an option; None if that is not one text."""
+        names = [name.replace("_", "-") for name in action.option_strings]
+        for argument, following in pairwise([*self._given, ""]):
+            name, equals, value = argument.partition("=")
+            if name in names and action.nargs is None:
+                return value if equals else following
+        return None
 
     def _of_field(self, argument: str) -> str:
         """An argument with the name that jsonargparse gives the option of a field."""
@@ -153,7 +168,7 @@ def parse_config(
             asked = [n for n in names if short.get(n, n).replace("_", "-") == wrong]
             where = asked[:1] or [f"{', '.join(files) or program}: {wrong[2:].replace('-', '_')}"]
             got = [f", got {value:.60}" for n, value in options if asked and n.replace("_", "-") == wrong]
-            raise DataError("".join([f"{where[0]}: {e.message}", *got[:1]])) from e
+            raise DataError(f"{where[0]}: {e.message.partition(', got ')[0]}{got[0] if got else ''}") from e
         message = " ".join(str(e).split()) or type(e).__name__
         where = _at_fault(given, short, message) or files or ([] if isinstance(e, DataError) else [program])
         names_it = not where or message.startswith(("--", "unrecognized arguments"))
