@@ -67,6 +67,15 @@ def test_a_longer_cosine_schedule_is_that_of_the_new_length(tmp_path, caplog) ->
     assert lines[-1]["learning_rate"] == pytest.approx(0.1 * 0.5 * (1 + np.cos(np.pi * 7 / 8)))
 
 
+def test_a_run_that_is_made_longer_in_its_warm_up_is_one_of_that_length(tmp_path, caplog) -> None:
+    warming = replace(CONFIG, schedule="cosine", warmup_steps=6)
+    weight(tmp_path / "run", warming)
+    with caplog.at_level(logging.WARNING):
+        longer = weight(tmp_path / "run", replace(warming, steps=8))
+    assert longer == weight(tmp_path / "whole", replace(warming, steps=8))
+    assert "cosine" not in caplog.text
+
+
 def test_a_run_is_resumed_with_other_intervals(tmp_path) -> None:
     weight(tmp_path / "run")
     other = replace(CONFIG, steps=8, log_every=1, evaluate_every=1, save_every=3)

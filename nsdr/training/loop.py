@@ -239,18 +239,14 @@ class _Training:
             made = f"{folder.path}: the run has made {start} steps already"
             raise DataError(f"{made}; expected at least as many as loop.steps, got {config.steps}")
         folder.accept_changes(start)
-        if "loop.steps" in folder.changed and config.schedule == "cosine" and 0 < start < config.steps:
-            before = replace(config, steps=folder.changed["loop.steps"][0])
+        if "loop.steps" not in folder.changed or not 0 < start < config.steps:
+            return
+        rate = learning_rate_at(start - 1, replace(config, steps=folder.changed["loop.steps"][0]))
+        if rate != learning_rate_at(start - 1, config):
             log.warning(
                 "%s: the cosine schedule is now that of %d steps: the learning rate goes from %.2g to %.2g at step %d. The "
                 "result is not that of a run of this length from the start; schedule constant or step avoids the difference",
-                *(
-                    folder.path,
-                    config.steps,
-                    learning_rate_at(start - 1, before),
-                    learning_rate_at(start, config),
-                    start,
-                ),
+                *(folder.path, config.steps, rate, learning_rate_at(start, config), start),
             )
 
     def _batches(self, steps: range) -> Iterator[Any]:
