@@ -5,12 +5,13 @@ Streams of warnings, times, and the names of temporary folders are left out.
 
 import re
 import sys
+import tempfile
 from pathlib import Path
 
 import nbformat
 from nbclient import NotebookClient
 
-TEMPORARY = re.compile(r"/tmp/tmp\w+/?")
+TEMPORARY = re.compile(rf"{re.escape(tempfile.gettempdir())}/tmp\w+/?")
 
 
 def main(files: list[str]) -> None:

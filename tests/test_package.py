@@ -275,7 +275,7 @@ def test_notebooks_can_be_read_without_being_run() -> None:
     for file in files:
         text = file.read_text()
         assert len(text) < 500_000, file
-        assert not re.search(r"/tmp/|/root/|/home/|/work/|\"stderr\"|\"traceback\"", text), file
+        assert not re.search(r"/(tmp|root|home|work)/|\"stderr\"|\"traceback\"", text), file
         cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
         assert sum(bool(cell["outputs"]) for cell in cells) > len(cells) / 2, file
 
