@@ -129,7 +129,14 @@ def pipeline_settings(
         if key.split(".")[0] not in known:
             raise DataError(f"--set {override}: expected a setting of {', '.join(known)}")
         argv += [option(key), value]
-    config = parse_config(PipelineConfig, argv, "nsdr")
+    try:
+        config = parse_config(PipelineConfig, argv, "nsdr")
+    except DataError as e:  # which names the option that stands for the setting here
+        wrong, colon, message = str(e).partition(":")
+        keys = [key for key in (override.partition("=")[0] for override in overrides) if option(key) == wrong]
+        if not keys:
+            raise
+        raise DataError(f"--set {keys[0]}{colon}{message}") from e
     backend_settings(config.dynamics)
     return config
 

@@ -76,7 +76,7 @@ def _wrong_configurations() -> Iterator[Case]:
                     f"without {key}",
                     argv,
                     text_writer("config.yaml", yaml.safe_dump(rest)),
-                    key,
+                    f"{key}|{key.replace('_', '-')}",
                 )
         for label, damage in YAML_DAMAGES.items():
             write = text_writer("config.yaml", damage)
