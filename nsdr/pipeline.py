@@ -75,7 +75,7 @@ class Pipeline:
         progress: whether stderr shows the stage and how far it is; False at first.
 
     Raises:
-        DataError: a part has not its method, when it is given or assigned.
+        DataError: a part that is given or assigned lacks its method; names it.
     """
 
     def __init__(
