@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
 from nsdr.errors import DataError
 from nsdr.frame_parser.model import FrameParserConfig
 from nsdr.frame_parser.parser import FrameParser
+from nsdr.io.device import workers_on
 from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.network import QuestionParser
 from nsdr.tracking.tracker import track
@@ -153,6 +155,19 @@ MAKERS: list[Callable[..., Any]] = [FrameParser, QuestionParser, PropNetPredicto
 def test_a_device_that_is_not_there_is_refused(part) -> None:
     with pytest.raises(DataError, match=r"device 'cuda:77' cannot be used \(.*\); expected auto, cpu, cuda or cuda:N"):
         part.from_pretrained(device="cuda:77")
+
+
+def test_a_gpu_gets_no_more_processes_than_its_memory_is_enough_for(monkeypatch) -> None:
+    def workers(gib: float, asked: int) -> int:
+        monkeypatch.setattr(
+            torch.cuda, "get_device_properties", lambda _: SimpleNamespace(total_memory=int(gib * 2**30))
+        )
+        return workers_on(torch.device("cuda:1"), asked)
+
+    monkeypatch.setattr("nsdr.io.device.available_cores", lambda: 16)
+    assert [workers(gib, 0) for gib in (1, 8, 141)] == [1, 4, 16]
+    assert workers(8, 12) == 12  # what was asked for
+    assert workers_on(torch.device("cpu"), 0) == 0
 
 
 @pytest.mark.parametrize("name", ["propnet", "propnet_patches", "question-parser"])

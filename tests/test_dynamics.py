@@ -22,6 +22,7 @@ from nsdr.tracking.visibility import in_image
 from nsdr.types import DynamicsPrediction, SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS, horizon_frame
+from nsdr.world.shapes import extent, surface_points
 
 from .test_frame_parser import BLUE, GREEN, RED, as_proposals, moving
 
@@ -308,6 +309,16 @@ def test_objects_enter_and_exit_with_the_first_and_last_bit_of_their_outline(sha
     motion = smooth_tracks(boxed_states(shape, positions, seen, box), [])
     assert first > 0
     assert np.flatnonzero(motion.visible[0]).tolist() == np.arange(first, last + 1).tolist()
+
+
+@pytest.mark.parametrize("shape", ["cube", "sphere", "cylinder"])
+def test_the_extent_of_a_shape_is_that_of_its_surface(shape: str) -> None:
+    rng = np.random.default_rng(3)
+    direction, yaw = rng.normal(size=(40, 3)), rng.uniform(-4, 4, 12)
+    expected = np.stack([(surface_points(shape, angle) @ direction.T).max(0) for angle in yaw])
+    found = np.broadcast_to(extent(shape, direction, yaw), expected.shape)
+    np.testing.assert_allclose(found, expected, rtol=0.005)  # the points of a round surface lie beside its extremes
+    assert (found > expected - 1e-12).all()
 
 
 def test_an_object_whose_box_shrinks_at_the_border_leaves_although_the_fit_rests() -> None:

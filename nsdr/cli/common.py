@@ -76,7 +76,10 @@ def shared_options(parser: Any, *groups: str) -> None:
         beyond = "also read questions beyond CLEVRER: speeds, directions, masses, changed objects"
         add("--extensions", action="store_true", help=beyond)
     if "work" in groups:
-        add("--workers", type=NonNegativeInt, default=0, help="number of processes; 0 for one per CPU core")
+        processes = (
+            "number of processes; 0 for one per CPU core, and on a GPU for no more than its memory is enough for"
+        )
+        add("--workers", type=NonNegativeInt, default=0, help=processes)
         add("--engine", default="processes", choices=ENGINES, help="where to work")
     if "failures" in groups:
         add(KEEP_GOING, action="store_true", help="accept failures of a part of the work: status 0")

@@ -47,8 +47,6 @@ CUBE_YAW = 0.4
 width."""
 MARGIN_WORLD = 3 * OBJECT_RADIUS_WORLD
 """An object whose centre is further outside the image than this, or nearer to the camera, is not in the image (world units)."""
-OUTSIDE_WORLD = -99.0
-"""Coordinate of objects whose position is not known: behind the camera, so never in the image (world units)."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +98,10 @@ def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
 
 def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: Camera) -> BoolArray:
     """(n, F) bool, whether objects at positions (n, F, 2) are in the image; False where a position is NaN."""
-    yaw = np.full(location_world.shape[1], CUBE_YAW)
-    known = np.nan_to_num(location_world, nan=OUTSIDE_WORLD)
-    if not len(shapes):
-        return np.zeros(location_world.shape[:2], bool)
-    return np.stack([in_image(shape, on_ground(row), yaw, camera) for shape, row in zip(shapes, known, strict=True)])
+    visible = np.zeros(location_world.shape[:2], bool)
+    for row, shape, places in zip(visible, shapes, location_world, strict=True):
+        row[:] = in_image(shape, on_ground(places), np.array([CUBE_YAW]), camera)
+    return visible
 
 
 def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_collision: bool) -> Stretch | None:

@@ -12,7 +12,7 @@ from nsdr.clevrer.files.proposals import find_proposals, proposals_document, rea
 from nsdr.errors import DataError, VideoError
 from nsdr.io import storage
 from nsdr.io.decoding import SUFFIXES, find_frame_folders, find_videos
-from nsdr.io.device import resolve_device
+from nsdr.io.device import resolve_device, workers_on
 from nsdr.io.files import by_number, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, Summary, read_output, run_jobs
@@ -43,7 +43,7 @@ def parse_videos(
         output: folder to write; `failures.json` in it names what failed and why.
         checkpoint: weights.
         settings: of perception; None for the defaults.
-        engine, workers: see `nsdr.io.tasks.run_tasks`.
+        engine, workers: see `nsdr.io.tasks.run_tasks`; on CUDA, 0 is at most as many as the GPU's memory is enough for.
         device: where the networks of every process run, as in `Pipeline.from_pretrained`.
 
     Raises:
@@ -120,8 +120,9 @@ def judge_videos(
             raise DataError(f"{report}: {video} would get the judgements; give the report another name")
         key = fingerprint(inputs=[video if video.is_file() or video.is_dir() else str(video).encode(), common])
         jobs[name] = Job(str(video), video, folder / f"judgement_{name}.json", key)
-    function = partial(_judge, checkpoint, settings, str(resolve_device(device)))
-    summary = run_jobs(function, list(jobs.values()), folder, engine, workers)
+    place = resolve_device(device)
+    function = partial(_judge, checkpoint, settings, str(place))
+    summary = run_jobs(function, list(jobs.values()), folder, engine, workers_on(place, workers))
     failed = summary.failed
     rows = [
         {"video": j.name, "error": failed[j.name]}
@@ -170,8 +171,9 @@ def _run(
         )
         for number, (name, item) in found.items()
     ]
-    function = partial(_write, checkpoint, settings, str(resolve_device(device)), form)
-    return run_jobs(function, jobs, output, engine, workers)
+    place = resolve_device(device)
+    function = partial(_write, checkpoint, settings, str(place), form)
+    return run_jobs(function, jobs, output, engine, workers_on(place, workers))
 
 
 @lru_cache(maxsize=1)

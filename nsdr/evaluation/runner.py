@@ -25,7 +25,7 @@ from nsdr.evaluation.score import Parse, score_scenes
 from nsdr.evaluation.settings import EvaluationConfig, selected_questions
 from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
 from nsdr.io import storage
-from nsdr.io.device import resolve_device
+from nsdr.io.device import resolve_device, workers_on
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, read_output, run_jobs
 from nsdr.pipeline import Pipeline
@@ -186,9 +186,10 @@ def _perceived_by_jobs(
     """Scenes that processes with the pipeline of the settings make and keep."""
     common = settings.fingerprint(config.checkpoint, config.source, config.truth_source)
     jobs = [_job(config, common, index, *about) for index, about in inputs.items()]
-    function = partial(_perceive, config.checkpoint, settings, str(resolve_device(config.device)))
+    device = resolve_device(config.device)
+    function = partial(_perceive, config.checkpoint, settings, str(device))
     folder, read = jobs[0].output.parent, partial(storage.load, kind=Scene)
-    summary = run_jobs(function, jobs, folder, config.engine, config.workers, "scene", wait=True)
+    summary = run_jobs(function, jobs, folder, config.engine, workers_on(device, config.workers), "scene", wait=True)
     scenes: dict[int, MadeScene] = {int(job.name): partial(read_output, job, read, function) for job in jobs}
     return scenes | {int(name): DataError(message) for name, message in summary.failed.items()}
 

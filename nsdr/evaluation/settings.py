@@ -61,7 +61,7 @@ class EvaluationConfig(Settings):
             counterfactual options are observational and which inferential; "" keeps the tags of the question file.
         cache: folder that keeps scenes for the next run.
         engine: "processes" or "ray".
-        workers: number of processes; 0 is one per CPU core.
+        workers: number of processes; 0 is one per CPU core, and on CUDA at most as many as the GPU's memory is enough for.
         device: where the networks of every process run, such as "cuda:1"; "auto" takes a GPU where there is one.
     """
 

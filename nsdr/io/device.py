@@ -17,6 +17,8 @@ WAITING = (*PASSIVE, "GOMP_SPINCOUNT")
 """Environment variables with which users decide how idle OpenMP threads wait."""
 PRECISIONS = ("auto", "float32", "bfloat16")
 """Number formats of convolutions."""
+WORKER_GPU_BYTES = 2 * 2**30
+"""GPU memory of a process from video to answer: four of them used 7.4 GiB, with batches of 32 (`results/gpu.md`)."""
 CPU_CHECK = "_is_amx_tile_supported"
 """Function of `torch.cpu` that says whether the processor multiplies bfloat16 matrices (AMX). Without, bfloat16 is slower than
 float32: `ONEDNN_MAX_CPU_ISA=AVX512_CORE_BF16 python -m benchmarks.frame_parser … --precision float32 bfloat16`."""
@@ -39,6 +41,20 @@ def resolve_device(device: str = "auto") -> Any:
         reason = str(e).splitlines()[0]
         raise DataError(f"device {device!r} cannot be used ({reason}); expected auto, cpu, cuda or cuda:N") from e
     return found
+
+
+def workers_on(device: Any, workers: int) -> int:
+    """Number of processes whose networks run on a `torch.device`: `workers`, or where that is 0 as many as fit.
+
+    Returns:
+        0, which is one process for each CPU core, but on CUDA at most as many as the GPU's memory is enough for.
+    """
+    import torch
+
+    if workers or device.type != "cuda":
+        return workers
+    most = torch.cuda.get_device_properties(device).total_memory // WORKER_GPU_BYTES
+    return max(min(available_cores(), most), 1)
 
 
 def resolve_precision(precision: str, device: Any) -> Any:

@@ -100,6 +100,12 @@ class Camera:
         linear = intrinsic @ self.axes
         return np.c_[linear, -linear @ np.array(self.eye_world)]
 
+    @cached_property
+    def border_planes(self) -> FloatArray:
+        """(4, 4): world points (x, y, z, 1) times a row are positive inside the image's left, top, right and bottom border."""
+        across, down, depth = self.matrix
+        return np.stack([across, down, self.width * depth - across, self.height * depth - down])
+
     def depth(self, location_world: ArrayLike) -> FloatArray:
         """Depth (...) of world points (..., 3) along the viewing direction (world units)."""
         return np.asarray((np.asarray(location_world, float) - np.array(self.eye_world)) @ self.axes[2])

@@ -112,6 +112,26 @@ def surface_points(shape: str, yaw: float = 0.0) -> FloatArray:
     return np.stack([x, y, r * np.cos(polar) + 0 * angle], -1).reshape(-1, 3)
 
 
+def extent(shape: str, direction: FloatArray, yaw: FloatArray) -> FloatArray:
+    """How far upright objects reach from their centre in some directions: the support function of the rendered shape.
+
+    Args:
+        shape: "cube", "sphere" or "cylinder".
+        direction: (D, 3), of any length, by which the extent is multiplied.
+        yaw: (F,) rotations about the vertical axis (radians); matter for cubes only.
+
+    Returns:
+        (F, D) world units, or (1, D) for shapes that are the same after each rotation.
+    """
+    across, up = np.hypot(direction[:, 0], direction[:, 1]), np.abs(direction[:, 2])
+    if shape == "sphere":
+        return OBJECT_RADIUS_WORLD * np.hypot(across, up)[None]
+    if shape == "cylinder":
+        return OBJECT_RADIUS_WORLD * (across + up)[None]
+    turned = np.arctan2(direction[:, 1], direction[:, 0]) - yaw[:, None]
+    return OBJECT_RADIUS_WORLD * (across * (np.abs(np.cos(turned)) + np.abs(np.sin(turned))) + up)
+
+
 def rendered_rotation(shape: str, orientation: FloatArray) -> Rotation:
     """Rotation of a rendered shape, whose axis is z, from annotated Euler angles (3,) (radians).
 

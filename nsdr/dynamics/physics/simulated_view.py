@@ -1,19 +1,15 @@
 """Which objects of a simulation are in the image, and how probable it is that they enter and leave it."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 
 from nsdr.dynamics.physics.simulator import SimulatedMotion
 from nsdr.dynamics.track_smoothing import rollout_in_image
 from nsdr.types import Event, UncertainEvent
-from nsdr.validation import BoolArray, FloatArray
+from nsdr.validation import BoolArray
 from nsdr.world.camera import Camera
 
-GRID_HALF_WORLD, GRID_STEP_WORLD = 10.0, 0.05
-"""Half the width and the spacing of the grid on which the visibility of objects is looked up (world units). At 1.25 world
-units/s an object crosses a spacing in one frame, so that an event of a run is off by a frame at most."""
 SIGNS = {"in": 1, "out": -1}
 """How much more visible an object is after each kind of event."""
 
@@ -56,32 +52,9 @@ def visible_in_runs(
     visible[:, : len(observed), : observed.shape[1]] = observed
     free = ~follows & there
     for i, shape in enumerate(shapes[:n]):
-        positions, first = run.location_world[:, i], free[0, i]
-        (visible[0, i][first],) = rollout_in_image([shape], positions[None, 0][:, first], camera)
-        visible[1:, i][free[1:, i]] = _in_view(shape, positions[1:][free[1:, i]], camera)
+        simulated_places = run.location_world[:, i][free[:, i]]
+        (visible[:, i][free[:, i]],) = rollout_in_image([shape], simulated_places[None], camera)
     return visible & there
-
-
-def _in_view(shape: str, location_world: FloatArray, camera: Camera) -> BoolArray:
-    """(K,) bool, whether an object at positions (K, 2) is in the image, as at the nearest point of a grid.
-
-    The runs of a scene have a million positions, whose outlines would take seconds to project.
-    """
-    index = np.rint((location_world + GRID_HALF_WORLD) / GRID_STEP_WORLD)
-    area = _visible_area(shape, camera)
-    inside = ((index >= 0) & (index < len(area))).all(1)
-    found = np.zeros(len(index), bool)
-    found[inside] = area[tuple(index[inside].astype(np.intp).T)]
-    (found[~inside],) = rollout_in_image([shape], location_world[None, ~inside], camera)
-    return found
-
-
-@lru_cache(maxsize=16)
-def _visible_area(shape: str, camera: Camera) -> BoolArray:
-    """(G, G) bool, whether an object is in the image at each point of a grid on the ground."""
-    axis = np.arange(-GRID_HALF_WORLD, GRID_HALF_WORLD + GRID_STEP_WORLD / 2, GRID_STEP_WORLD)
-    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(1, -1, 2)
-    return rollout_in_image([shape], points, camera).reshape(len(axis), len(axis))
 
 
 def uncertain_borders(visible: BoolArray, first_frame: int, least: float) -> list[UncertainEvent]:
