@@ -26,6 +26,7 @@ from .frame_parser.parser import FrameParser as FrameParser
 from .generate.dataset import generate_dataset as generate_dataset
 from .io.storage import load as load, save as save
 from .io.video import read_video as read_video, write_video as write_video
+from .io.worlds import read_world as read_world
 from .perception import Perception as Perception
 from .pipeline import Pipeline as Pipeline, judge as judge
 from .pipeline_config import PipelineConfig as PipelineConfig
@@ -52,5 +53,6 @@ from .types import (
     VideoProposals as VideoProposals,
     VideoTracks as VideoTracks,
 )
+from .world.world import World as World
 
 __version__: str

@@ -88,10 +88,11 @@ def check_fields(owner: Any, where: str) -> None:
     """Check the fields of any dataclass as `Checked` does; errors begin with `where`."""
     kind: Any = type(owner)
     struct, arrays = _declared(kind)
+    given = {name: getattr(owner, name) for name in struct.__struct_fields__}  # msgspec leaves defaults out of `vars`
     try:
-        msgspec.convert(vars(owner), struct)
+        msgspec.convert(given, struct)
     except msgspec.ValidationError:
-        values = _plain(vars(owner))
+        values = _plain(given)
         try:
             convert(values, struct)
         except DataError as e:

@@ -85,7 +85,7 @@ def test_the_wheel_has_every_checkpoint_and_file_of_data() -> None:
     optional = {
         f"share/nsdr/{folder}" for path, folder in weights.items() if path.stat().st_size > 10e6
     }  # docs/release.md
-    settings = {"share/nsdr/configs/pipeline"}
+    settings = {"share/nsdr/configs/pipeline", "share/nsdr/configs/worlds"}
     assert shipped - optional | settings <= set(setuptools["data-files"]) <= shipped | settings
     for target, (pattern,) in setuptools["data-files"].items():
         assert f"share/nsdr/{pattern}" == f"{target}/*"

@@ -11,7 +11,7 @@ from nsdr.clevrer.files.schema import check_lines
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import parse_json_lines, read_bytes
 from nsdr.validation import Count, PositiveCount, convert, expect
-from nsdr.world.vocabulary import Color, Material, Shape
+from nsdr.world.vocabulary import ColorWord, MaterialWord, ShapeWord
 
 
 class _Segmentation(msgspec.Struct):
@@ -20,9 +20,9 @@ class _Segmentation(msgspec.Struct):
 
 
 class _Object(msgspec.Struct):
-    color: Color
-    material: Material
-    shape: Shape
+    color: ColorWord
+    material: MaterialWord
+    shape: ShapeWord
     segmentation: _Segmentation
 
 

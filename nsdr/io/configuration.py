@@ -149,7 +149,7 @@ def parse_config(
     for file in files:
         content = read_yaml(file)
         _check_spaces(content, file)
-        _check_sections(kind, content, file)
+        check_sections(kind, content, file)
     about = (kind.__doc__ or "").splitlines()[0]
     end = " ".join([*(f"{name} is short for {option}." for name, option in short.items()), epilog]).strip()
     parser = OptionParser(prog=program, description=about, epilog=end or None, exit_on_error=False)
@@ -237,17 +237,20 @@ def _check_spaces(content: Any, where: str) -> None:
         _check_spaces(value, where)
 
 
-def _check_sections(kind: Any, content: Any, where: str) -> None:
-    """Refuse names and sections of a file about which jsonargparse's errors say nothing to a user."""
+def check_sections(kind: Any, content: Any, where: str) -> None:
+    """Refuse names and sections that a dataclass does not have, at any depth; `where` names the file or the place in it."""
     if not isinstance(content, Mapping):
         raise DataError(f"{where}: expected settings, one `name: value` a line, got {content!r:.40}")
     kinds = {field.name: field.type for field in fields(kind)}
     for name, value in content.items():
         if not isinstance(name, str):
             raise DataError(f"{where}: {name!r} is no name of a setting; expected a text")
-        if isinstance(value, Mapping) and name.partition(".")[0] not in kinds:
+        if name.partition(".")[0] not in kinds:
             raise DataError(f"{where}: {name}: no such setting; known are {', '.join(kinds)}")
         options = (kinds.get(name), *get_args(kinds.get(name)))
         section = next((option for option in options if is_dataclass(option)), None)
         if section is not None and not (value is None and NoneType in options):
-            _check_sections(section, value, f"{where}: {name}")
+            check_sections(section, value, f"{where}: {name}")
+        entry = next((part for option in options for part in get_args(option) if is_dataclass(part)), None)
+        for index, part in enumerate(value if entry is not None and isinstance(value, list) else ()):
+            check_sections(entry, part, f"{where}: {name}[{index}]")

@@ -8,9 +8,9 @@ import numpy as np
 
 from nsdr.errors import DataError
 from nsdr.types.arrays import ArrayHolder
-from nsdr.validation import Array, BoolArray, Checked, Count, FloatArray, IntArray, PositiveCount, expect, one_of
+from nsdr.validation import Array, BoolArray, Checked, Count, FloatArray, IntArray, PositiveCount, expect
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
-from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, N_ATTRIBUTE_TRIPLES, SHAPES, attributes_of
+from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES, ColorWord, MaterialWord, ShapeWord, attributes_of
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class SceneObject(Checked):
     """
 
     id: Count
-    color: Annotated[str, one_of(COLORS)]
-    material: Annotated[str, one_of(MATERIALS)]
-    shape: Annotated[str, one_of(SHAPES)]
+    color: ColorWord
+    material: MaterialWord
+    shape: ShapeWord
 
     @property
     def name(self) -> str:

@@ -1,18 +1,27 @@
-"""CLEVRER's attribute words and their fixed order (the order of every attribute index and logit in this package)."""
+"""Words of objects, in the fixed order of every attribute index and logit in this package."""
 
+from collections import Counter
 from collections.abc import Sequence
-from typing import Literal, get_args
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Literal
 
-Color = Literal["gray", "red", "blue", "green", "brown", "cyan", "purple", "yellow"]
-Material = Literal["metal", "rubber"]
-Shape = Literal["cube", "sphere", "cylinder"]
-COLORS: tuple[str, ...] = get_args(Color)
-MATERIALS: tuple[str, ...] = get_args(Material)
-SHAPES: tuple[str, ...] = get_args(Shape)
-ATTRIBUTES = {"color": COLORS, "material": MATERIALS, "shape": SHAPES}
-"""Words of each attribute."""
-N_ATTRIBUTE_TRIPLES = len(COLORS) * len(MATERIALS) * len(SHAPES)
-"""Number of attribute triples (48)."""
+from msgspec import Meta
+
+from nsdr.errors import DataError
+from nsdr.validation import Checked, Share, one_of
+
+MAX_WORDS = 20
+"""Most words of each kind."""
+Word = Annotated[str, Meta(pattern="^[a-z]{2,20}$")]
+Level = Annotated[int, Meta(ge=0, le=255)]
+Length = Annotated[float, Meta(ge=0.02, le=5)]
+"""World units: CLEVRER's objects are 0.4 wide."""
+ES_ENDINGS = ("s", "x", "z", "ch", "sh")
+"""Endings of nouns whose plural ends in -es."""
+OBJECT_NOUNS = ("object", "thing", "item", "obj", "entity", "thingy")
+OBJECTS_NOUNS = ("objects", "things", "items", "objs", "entities", "bodies")
+"""Nouns for any object."""
 DIRECTIONS = ("towards the camera", "right", "away from the camera", "left")
 """Answers beyond CLEVRER: directions of motion at 0, 90, 180 and 270 degrees from the x axis to the y axis."""
 IMAGE_DIRECTIONS = ("up and to the left", "up and to the right", "down and to the left", "down and to the right")
@@ -22,51 +31,188 @@ STATIONARY = "stationary"
 SPEED_UNIT = "world units per second"
 """What stands after the number in an answer beyond CLEVRER; seconds are of simulated time."""
 
-COLORS_RGB = {
-    "gray": (87, 87, 87),
-    "red": (173, 35, 35),
-    "blue": (42, 75, 215),
-    "green": (29, 105, 20),
-    "brown": (129, 74, 25),
-    "cyan": (41, 208, 208),
-    "purple": (129, 38, 192),
-    "yellow": (255, 238, 51),
-}
-"""sRGB (0-255) of each colour word, CLEVR's `properties.json`."""
+
+@dataclass(frozen=True)
+class Color(Checked):
+    """A colour of objects.
+
+    Attributes:
+        word: in questions and answers.
+        srgb: red, green and blue (0-255).
+        synonyms: other words that are read.
+    """
+
+    word: Word
+    srgb: tuple[Level, Level, Level]
+    synonyms: tuple[Word, ...] = ()
 
 
-def attribute_index(color: str, material: str, shape: str) -> int:
-    """Index 0-47 of an attribute triple: `color * 6 + material * 3 + shape`."""
-    return (COLORS.index(color) * len(MATERIALS) + MATERIALS.index(material)) * len(SHAPES) + SHAPES.index(shape)
+@dataclass(frozen=True)
+class Material(Checked):
+    """A material of objects.
+
+    Attributes:
+        word: in questions and answers.
+        synonyms: other words that are read.
+        restitution: coefficient of restitution; those of two colliding objects are multiplied, as in Bullet (0-1).
+    """
+
+    word: Word
+    synonyms: tuple[Word, ...] = ()
+    restitution: Share = 0.8
 
 
-def attributes_of(index: int) -> tuple[str, str, str]:
-    """(color, material, shape) of an attribute index; inverse of `attribute_index`."""
-    rest, shape = divmod(index, len(SHAPES))
-    color, material = divmod(rest, len(MATERIALS))
-    return COLORS[color], MATERIALS[material], SHAPES[shape]
+@dataclass(frozen=True)
+class Shape(Checked):
+    """A shape of objects, with its size.
+
+    Attributes:
+        word: in questions and answers.
+        solid: what it is in space; several shapes may be of one solid.
+        size_world: extent along x and y, and height (world units). Cylinders stand upright.
+        friction: coefficient of friction on the table. Spheres slide and never roll: theirs is 0.
+        plural: of the word; "" for the regular one.
+        synonyms: other nouns that are read, with regular plurals.
+        adjectives: that are read.
+    """
+
+    word: Word
+    solid: Literal["box", "sphere", "cylinder"]
+    size_world: tuple[Length, Length, Length] = (0.4, 0.4, 0.4)
+    friction: Share = 0.0
+    plural: str = ""
+    synonyms: tuple[Word, ...] = ()
+    adjectives: tuple[Word, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        x, _, z = self.size_world
+        form = {"cylinder": (x, x, z), "sphere": (x, x, x)}.get(self.solid, self.size_world)
+        if self.size_world != form:
+            raise DataError(
+                f"shape {self.word}: size_world {list(self.size_world)}: expected a {self.solid}'s, {list(form)}"
+            )
+        if self.solid == "sphere" and self.friction:
+            reason = "expected 0, because spheres slide and never roll"
+            raise DataError(f"shape {self.word}: friction {self.friction:g}: {reason}")
+
+    @property
+    def plurals(self) -> dict[str, str]:
+        """The plural of the word and of its synonyms."""
+        regular = {
+            noun: f"{noun}es" if noun.endswith(ES_ENDINGS) else f"{noun}s" for noun in (self.word, *self.synonyms)
+        }
+        return regular | ({self.word: self.plural} if self.plural else {})
+
+
+_COLORS = (
+    Color("gray", (87, 87, 87), ("grey",)),
+    Color("red", (173, 35, 35)),
+    Color("blue", (42, 75, 215)),
+    Color("green", (29, 105, 20)),
+    Color("brown", (129, 74, 25)),
+    Color("cyan", (41, 208, 208)),
+    Color("purple", (129, 38, 192)),
+    Color("yellow", (255, 238, 51)),
+)
+"""CLEVRER's, with the sRGB of CLEVR's `properties.json`."""
+_MATERIALS = (
+    Material("metal", ("metallic", "shiny", "steel", "chrome", "glossy", "reflective")),
+    Material("rubber", ("rubbery", "matte", "matt")),
+)
+_SHAPES = (
+    Shape("cube", "box", friction=0.03, synonyms=("block", "box"), adjectives=("cubic", "cubical")),
+    Shape("sphere", "sphere", synonyms=("ball", "globe", "orb"), adjectives=("spherical",)),
+    Shape("cylinder", "cylinder", friction=0.03, synonyms=("tube",), adjectives=("cylindrical",)),
+)
+
+
+@dataclass(frozen=True)
+class Vocabulary(Checked):
+    """The words of objects, each of which has a colour, a material and a shape.
+
+    The order of the words is that of every attribute index and logit.
+    """
+
+    colors: Annotated[tuple[Color, ...], Meta(min_length=1, max_length=MAX_WORDS)] = _COLORS
+    materials: Annotated[tuple[Material, ...], Meta(min_length=1, max_length=MAX_WORDS)] = _MATERIALS
+    shapes: Annotated[tuple[Shape, ...], Meta(min_length=1, max_length=MAX_WORDS)] = _SHAPES
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        words = [word for entry in self._entries for word in (entry.word, *entry.synonyms)]
+        words += [word for shape in self.shapes for word in (*shape.adjectives, *shape.plurals.values())]
+        if repeated := [word for word, times in Counter(words).items() if times > 1]:
+            raise DataError(
+                f"vocabulary: {', '.join(repeated)}: there more than once; expected one meaning for each word"
+            )
+
+    @property
+    def _entries(self) -> "tuple[Color | Material | Shape, ...]":
+        return (*self.colors, *self.materials, *self.shapes)
+
+    @cached_property
+    def words(self) -> dict[str, tuple[str, ...]]:
+        """The words of each attribute, without synonyms."""
+        return {
+            "color": tuple(color.word for color in self.colors),
+            "material": tuple(material.word for material in self.materials),
+            "shape": tuple(shape.word for shape in self.shapes),
+        }
+
+    @cached_property
+    def adjectives(self) -> dict[str, str]:
+        """Attribute words before a noun, and what they mean."""
+        named: tuple[Color | Material, ...] = (*self.colors, *self.materials)
+        meanings = {entry.word: entry.word for entry in named}
+        meanings |= {synonym: entry.word for entry in named for synonym in entry.synonyms}
+        return meanings | {adjective: shape.word for shape in self.shapes for adjective in shape.adjectives}
+
+    @cached_property
+    def nouns(self) -> dict[str, tuple[str, str]]:
+        """Nouns for objects: their shape, or "" for any, and whether they are singular (N) or plural (NS)."""
+        named = {
+            noun: (shape.word, number)
+            for shape in self.shapes
+            for one, many in shape.plurals.items()
+            for noun, number in ((one, "N"), (many, "NS"))
+        }
+        return named | dict.fromkeys(OBJECT_NOUNS, ("", "N")) | dict.fromkeys(OBJECTS_NOUNS, ("", "NS"))
+
+    @property
+    def n_triples(self) -> int:
+        """Number of attribute triples; CLEVRER has 48."""
+        return len(self.colors) * len(self.materials) * len(self.shapes)
+
+    def index(self, color: str, material: str, shape: str) -> int:
+        """Index of an attribute triple. In CLEVRER it is `color * 6 + material * 3 + shape`."""
+        color_index, material_index, shape_index = (
+            words.index(word) for words, word in zip(self.words.values(), (color, material, shape), strict=True)
+        )
+        return (color_index * len(self.materials) + material_index) * len(self.shapes) + shape_index
+
+    def triple(self, index: int) -> tuple[str, str, str]:
+        """(color, material, shape) of an attribute index; inverse of `index`."""
+        rest, shape = divmod(index, len(self.shapes))
+        color, material = divmod(rest, len(self.materials))
+        return self.colors[color].word, self.materials[material].word, self.shapes[shape].word
+
+
+CLEVRER = Vocabulary()
+COLORS, MATERIALS, SHAPES = CLEVRER.words.values()
+ATTRIBUTES = CLEVRER.words
+"""Words of each attribute."""
+ColorWord = Annotated[str, one_of(COLORS)]
+MaterialWord = Annotated[str, one_of(MATERIALS)]
+ShapeWord = Annotated[str, one_of(SHAPES)]
+N_ATTRIBUTE_TRIPLES = CLEVRER.n_triples
+"""Number of attribute triples (48)."""
+COLORS_RGB = {color.word: color.srgb for color in CLEVRER.colors}
+"""sRGB (0-255) of each colour word."""
+ADJECTIVES, NOUNS = CLEVRER.adjectives, CLEVRER.nouns
+attribute_index, attributes_of = CLEVRER.index, CLEVRER.triple
 
 
 def differing_words(words: Sequence[str], other: Sequence[str]) -> int:
     """In how many words two triples (color, material, shape) differ, such as those of a `SceneObject.name`."""
     return sum(a != b for a, b in zip(words, other, strict=True))
-
-
-ADJECTIVES = {
-    **{word: word for word in COLORS + MATERIALS},
-    **{"grey": "gray", "metallic": "metal", "shiny": "metal", "rubbery": "rubber", "matte": "rubber", "matt": "rubber"},
-    **dict.fromkeys(("steel", "chrome", "glossy", "reflective"), "metal"),
-    **{"cubic": "cube", "cubical": "cube", "spherical": "sphere", "cylindrical": "cylinder"},
-}
-"""Attribute words before a noun, and what they mean."""
-
-NOUNS = {
-    **{shape: (shape, "N") for shape in SHAPES},
-    **{f"{shape}s": (shape, "NS") for shape in SHAPES},
-    **{"ball": ("sphere", "N"), "balls": ("sphere", "NS"), "block": ("cube", "N"), "blocks": ("cube", "NS")},
-    **{"box": ("cube", "N"), "boxes": ("cube", "NS"), "globe": ("sphere", "N"), "globes": ("sphere", "NS")},
-    **{"tube": ("cylinder", "N"), "tubes": ("cylinder", "NS"), "orb": ("sphere", "N"), "orbs": ("sphere", "NS")},
-    **dict.fromkeys(("object", "thing", "item", "obj", "entity", "thingy"), ("", "N")),
-    **dict.fromkeys(("objects", "things", "items", "objs", "entities", "bodies"), ("", "NS")),
-}
-"""Nouns for objects: their shape, or "" for any, and whether they are singular (N) or plural (NS)."""

@@ -29,7 +29,7 @@ from nsdr.world.camera import (
     pixels_from_grid,
 )
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
-from nsdr.world.vocabulary import Color, Material, Shape
+from nsdr.world.vocabulary import ColorWord, MaterialWord, ShapeWord
 
 __all__ = [
     "SAMPLE_FRAMES",
@@ -56,9 +56,9 @@ Triple = tuple[str, str, str]
 class Described(msgspec.Struct):
     """What is described by attribute words."""
 
-    color: Color
-    material: Material
-    shape: Shape
+    color: ColorWord
+    material: MaterialWord
+    shape: ShapeWord
 
     @property
     def triple(self) -> Triple:

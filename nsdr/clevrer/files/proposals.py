@@ -26,9 +26,9 @@ from nsdr.world.vocabulary import (
     COLORS,
     MATERIALS,
     SHAPES,
-    Color,
-    Material,
-    Shape,
+    ColorWord,
+    MaterialWord,
+    ShapeWord,
     attribute_index,
     attributes_of,
 )
@@ -57,9 +57,9 @@ class _Mask(msgspec.Struct):
 
 class _Row(msgspec.Struct):
     mask: _Mask
-    color: Color
-    material: Material
-    shape: Shape
+    color: ColorWord
+    material: MaterialWord
+    shape: ShapeWord
     score: Share
 
 

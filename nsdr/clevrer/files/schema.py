@@ -8,7 +8,7 @@ from msgspec import Meta
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
 from nsdr.validation import Count, expect
-from nsdr.world.vocabulary import Color, Material, Shape
+from nsdr.world.vocabulary import ColorWord, MaterialWord, ShapeWord
 
 __all__ = [
     "LARGEST_COORDINATE",
@@ -47,9 +47,9 @@ FileName = Annotated[str, Meta(pattern=r"^(?!\.{1,2}$)[^/\\\x00-\x1f]+$")]
 class Words(TypedDict):
     """An object by its attribute words."""
 
-    color: Color
-    material: Material
-    shape: Shape
+    color: ColorWord
+    material: MaterialWord
+    shape: ShapeWord
 
 
 def check_objects(rows: Sequence[Any], key: str, place: str) -> None:

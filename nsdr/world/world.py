@@ -1,0 +1,35 @@
+"""A world as one value: its words, its physics, time in its videos, and the camera. The defaults are CLEVRER's."""
+
+from dataclasses import dataclass, field
+
+from nsdr.validation import Checked
+from nsdr.world.camera import Camera
+from nsdr.world.physics import Physics, Timeline
+from nsdr.world.vocabulary import Vocabulary
+
+
+@dataclass(frozen=True)
+class World(Checked):
+    """A world of colliding objects on a table: what its videos show, and how it is told. The defaults are CLEVRER's.
+
+    `configs/worlds/clevrer.yaml` has all fields.
+
+    Attributes:
+        name: for messages.
+        vocabulary: the words of objects.
+        physics: how they move.
+        timeline: time in videos.
+        camera: what takes the videos.
+
+    Raises:
+        DataError: values that contradict each other; names them.
+    """
+
+    name: str = "clevrer"
+    vocabulary: Vocabulary = field(default_factory=Vocabulary)
+    physics: Physics = field(default_factory=Physics)
+    timeline: Timeline = field(default_factory=Timeline)
+    camera: Camera = field(default_factory=Camera)
+
+
+CLEVRER_WORLD = World()
