@@ -179,7 +179,7 @@ def main() -> None:
     for index, truth in truths.items():
         tracks = track(read_proposals(options.proposals / f"proposal_{index:05d}.json"))
         explanation = backend.explain(states_from_tracks(tracks))
-        scene = scene_from_prediction(explanation.prediction, existence(tracks), CAMERA)
+        scene = scene_from_prediction(explanation.prediction, existence(tracks))
         true = true_motion(truth, scene_from_truth(truth))
         if options.errors:
             pairs.append((scene, true))

@@ -7,7 +7,7 @@ from nsdr.errors import VideoError
 from nsdr.tracking.speeds import UNFIT_SPEED, fastest_start, speed_notes
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.types import Scene, VideoProposals, VideoTracks
-from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.camera import Camera
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class Perception:
 
     @property
     def camera(self) -> Camera:
-        """The camera that took the video. It is CLEVRER's if there is no explanation."""
-        return CLEVRER_CAMERA if self.explanation is None else self.explanation.camera
+        """The camera that took the video."""
+        return self.scene.world.camera
 
     def __str__(self) -> str:
         return str(self.scene)

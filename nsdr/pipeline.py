@@ -38,7 +38,7 @@ from nsdr.tracking.speeds import speed_notes
 from nsdr.tracking.tracker import TrackerConfig, existence, track
 from nsdr.types import Answer, Judgement, Scene, Simulation, VideoProposals, VideoTracks
 from nsdr.types.interventions import Intervention
-from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.world import CLEVRER_WORLD, World
 
 if TYPE_CHECKING:  # they load torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
@@ -69,7 +69,7 @@ class Pipeline:
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         video: what is expected of videos; None for CLEVRER's.
-        camera: the camera that took the videos.
+        world: what the videos are of; None for CLEVRER's.
 
     Attributes:
         progress: whether stderr shows the stage and how far it is; False at first.
@@ -85,14 +85,14 @@ class Pipeline:
         question_parser: Parser,
         tracker: TrackerConfig | None = None,
         video: VideoConfig | None = None,
-        camera: Camera = CLEVRER_CAMERA,
+        world: World = CLEVRER_WORLD,
     ) -> None:
         self.frame_parser = frame_parser
         self.dynamics = dynamics
         self.question_parser = question_parser
         self.tracker = tracker or TrackerConfig()
         self.video = video or VideoConfig()
-        self.camera = camera
+        self.world = world
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()
         self._kept_proposals: tuple[Any, tuple[VideoProposals, NDArray[np.floating[Any]]]] | None = None
@@ -104,7 +104,7 @@ class Pipeline:
 
     def __repr__(self) -> str:
         parts = {name: described(getattr(self, name)) for name in PARTS}
-        settings = {name: getattr(self, name) for name in ("tracker", "video", "camera")}
+        settings = {name: getattr(self, name) for name in ("tracker", "video", "world")}
         parts |= {name: described(value) for name, value in settings.items() if differing(value)}
         return f"Pipeline({', '.join(f'{name}={part}' for name, part in parts.items())})"
 
@@ -138,7 +138,7 @@ class Pipeline:
             config = pipeline_settings(config or "", checkpoint=path_or_id)
         if dynamics:
             config = replace(config, dynamics=backend_settings(dynamics))
-        pipeline = cls(*load_parts(path_or_id, config, device), config.tracker, config.video, config.camera)
+        pipeline = cls(*load_parts(path_or_id, config, device), config.tracker, config.video, config.world)
         return pipeline.to(device)
 
     def save_pretrained(self, folder: str | Path) -> None:
@@ -160,7 +160,7 @@ class Pipeline:
         Raises:
             DataError: a part of your own, which is not named by settings; names it.
         """
-        about = (self.tracker, self.video, self.camera)
+        about = (self.tracker, self.video, self.world)
         return settings_of(self.frame_parser, self.dynamics, self.question_parser, *about)
 
     def to(self, device: str) -> "Pipeline":
@@ -225,7 +225,7 @@ class Pipeline:
         if video is None:
             raise VideoError("give a video, proposals, tracks or an explanation")
         check_is_video(video)
-        parts = (*self._frame_parsing(), self.tracker, self.dynamics, self.camera)
+        parts = (*self._frame_parsing(), self.tracker, self.dynamics, self.world)
         key = fingerprint(inputs=[*self._seen(video), *([] if true_scene is None else [true_scene])])
         if key in self._kept and all(a is b or a == b for a, b in zip(self._kept[key][0], parts, strict=True)):
             self._kept.move_to_end(key)
@@ -252,7 +252,7 @@ class Pipeline:
         if explanation is None:
             if tracks is None:
                 assert proposals is not None
-                tracks = track(proposals, self.tracker, self.camera)
+                tracks = track(self._of_this_world(proposals), self.tracker)
                 probable = existence(tracks)
             refuses = self.video.check == "refuse" and video is not None
             check_tracks(tracks, self.tracker, refuses, "the proposals" if video is None else str(video))
@@ -263,7 +263,7 @@ class Pipeline:
             with stage("explaining the motion", self.progress):
                 found = self.dynamics.explain(states_from_tracks(tracks, pixels), observed)
             explanation = checked_result(found, Explanation, self.dynamics, "explain")  # type: ignore[type-abstract]
-        scene = scene_from_prediction(explanation.prediction, probable, explanation.camera)
+        scene = scene_from_prediction(explanation.prediction, probable)
         if tracks is not None:
             unfit = (*speed_notes(tracks), *size_notes(tracks)) if self.video.check != "off" else ()
             scene = replace(scene, notes=distinct(tracks.notes, unfit))
@@ -318,14 +318,14 @@ class Pipeline:
             VideoError: as in `perceive`; or too few frames were processed, their spacing is too large, or no object is seen.
         """
         if proposals is not None:
-            return judge_proposals(proposals, self.tracker, self.camera)
+            return judge_proposals(self._of_this_world(proposals), self.tracker)
         if video is None:
             raise VideoError("give a video or proposals")
         video = video_of(video)
         wrong = check_video(video, self.video).unfit
         if not wrong or self.video.check != "refuse":
             found, late = self.proposals(video)
-            tracks = track(found, self.tracker, self.camera)
+            tracks = track(found, self.tracker)
             wrong += (*speed_notes(tracks), *size_notes(tracks))
         if wrong and self.video.check == "refuse":
             raise VideoError(f"{video}: cannot be judged: {'; '.join(wrong)}. --force judges it all the same")
@@ -360,7 +360,16 @@ class Pipeline:
     def _parsed(self, frames: Iterator[NDArray[np.uint8]]) -> VideoProposals:
         """What the frame parser finds; raises `DataError` where it gives something else."""
         found = self.frame_parser.parse(frames, progress=self.progress)
-        return checked_result(found, VideoProposals, self.frame_parser, "parse")
+        return self._of_this_world(checked_result(found, VideoProposals, self.frame_parser, "parse"))
+
+    def _of_this_world(self, proposals: VideoProposals) -> VideoProposals:
+        """Proposals as seen by the camera of the pipeline's world, whose words they must have."""
+        known, found = self.world.vocabulary.words, proposals.world.vocabulary.words
+        if known != found:
+            raise DataError(
+                f"the proposals have the words of the world {proposals.world.name}, not of {self.world.name}"
+            )
+        return replace(proposals, world=self.world)
 
     def answer(
         self,

@@ -26,7 +26,8 @@ from nsdr.question_parser.base import Parser
 from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser, load_parser
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
-from nsdr.world.camera import Camera, check_release_size
+from nsdr.world.camera import check_release_size
+from nsdr.world.world import World
 
 if TYPE_CHECKING:  # it loads torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
@@ -45,7 +46,7 @@ class PipelineConfig(Settings):
         precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where a CPU
             multiplies matrices of it (AMX), else float32.
         video: what is expected of videos, and how many frames of them are processed.
-        camera: the camera that took the videos; its images are 480x320.
+        world: what the videos are of; with images of 480x320.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
         question_parser: "grammar", "network" (the paper's), or the address of a server with a language model, such as
@@ -57,7 +58,7 @@ class PipelineConfig(Settings):
     batch_size: Annotated[int, Meta(ge=1, le=MAX_SIZE)] = 8
     precision: Annotated[str, one_of(PRECISIONS)] = "auto"
     video: VideoConfig = field(default_factory=VideoConfig)
-    camera: Camera = field(default_factory=Camera)
+    world: World = field(default_factory=World)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     dynamics: BackendConfig = field(default_factory=BackendConfig)
     question_parser: str = GRAMMAR
@@ -66,7 +67,7 @@ class PipelineConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_parser(self.question_parser, self.extensions)
-        check_release_size(self.camera)
+        check_release_size(self.world.camera)
 
     def fingerprint(self, checkpoint: str | Path, *made: str) -> str:
         """Of everything that perception depends on but its input: these settings, weights, and versions of the stages.
@@ -195,7 +196,7 @@ def settings_of(
     question_parser: Parser,
     tracker: TrackerConfig,
     video: VideoConfig,
-    camera: Camera,
+    world: World,
 ) -> PipelineConfig:
     """The settings with which `load_parts` loads these parts again, if their weights are in the checkpoint.
 
@@ -212,7 +213,7 @@ def settings_of(
         batch_size=frame_parser.batch_size,
         precision=frame_parser.precision,
         video=video,
-        camera=camera,
+        world=world,
         tracker=tracker,
         dynamics=registry.settings_of(dynamics),
         question_parser=name,

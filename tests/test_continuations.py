@@ -209,11 +209,11 @@ def test_other_given_frames_are_refused() -> None:
 
 def test_baselines_see_the_given_frames_alone() -> None:
     weights, config = find_checkpoint("default"), TrackerConfig()
-    found = baselines(proposals(), config, CLEVRER_CAMERA, weights, truth(), "cpu")
+    found = baselines(proposals(), config, weights, truth(), "cpu")
     assert tuple(found) == BASELINES
     changed = proposals().attribute.copy()
     changed[proposals().frame_index >= CUT] = 0
-    again = baselines(replace(proposals(), attribute=changed), config, CLEVRER_CAMERA, weights, truth(), "cpu")
+    again = baselines(replace(proposals(), attribute=changed), config, weights, truth(), "cpu")
     for name, one in found.items():
         assert np.array_equal(one.location_world, again[name].location_world, equal_nan=True), name
     errors = {name: values(one)["error"] for name, one in found.items()}
@@ -221,7 +221,7 @@ def test_baselines_see_the_given_frames_alone() -> None:
     assert errors["fitted simulator"] < errors["constant velocity"]
     assert errors["PropNet"] < errors["last frame frozen"]
     with pytest.raises(DataError, match="cuda:99"):  # their networks run where they are told
-        baselines(proposals(), config, CLEVRER_CAMERA, weights, truth(), "cuda:99")
+        baselines(proposals(), config, weights, truth(), "cuda:99")
 
 
 def test_sums_of_videos_of_different_lengths_add_up() -> None:

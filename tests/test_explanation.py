@@ -23,6 +23,7 @@ from nsdr import (
 from nsdr.dynamics import StoredExplanation, simulate, states_from_tracks
 from nsdr.types import DynamicsPrediction
 from nsdr.types.interventions import Intervention
+from nsdr.world.world import World
 
 OBJECTS = (SceneObject(0, "red", "metal", "sphere"), SceneObject(1, "blue", "rubber", "cube"))
 FRAMES = 10
@@ -113,7 +114,7 @@ def test_a_stored_rollout_is_cut_to_the_frames_that_are_asked_for() -> None:
 def test_a_video_without_objects_is_explained() -> None:
     camera = Camera((5.0, 0.0, 3.0))
     nothing = PhysicsPredictor.from_pretrained(device="cpu").explain(
-        states_from_tracks(VideoTracks(FRAMES, (), camera=camera))
+        states_from_tracks(VideoTracks(FRAMES, (), World(camera=camera)))
     )
     assert nothing.camera == camera
     assert nothing.rollout([]).visible.shape[0] == 0

@@ -29,6 +29,7 @@ from nsdr.types import Track, VideoTracks
 from nsdr.types.interventions import intervention_text
 from nsdr.types.tracks import find_object
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
+from nsdr.world.world import CLEVRER_WORLD
 
 from .test_physics import bodies, run
 
@@ -187,7 +188,7 @@ def test_given_velocities_are_exact() -> None:
         (SetVelocity(0, factor=0.5), False),
         (SetVelocity(0, speed=1), False),
     ):
-        changes = resolve([change], OBJECTS, np.ones((3, 5), bool), 0)
+        changes = resolve([change], OBJECTS, np.ones((3, 5), bool), 0, CLEVRER_WORLD.vocabulary)
         assert change_bodies(start, OBJECTS, changes).exact[:, VELOCITY].all(1).tolist() == [exact, False, False], (
             change
         )
@@ -305,7 +306,7 @@ def test_impossible_interventions_are_refused(simulated, changes: list[Any], fro
 
 def test_one_intervention_without_a_list_is_refused(simulated) -> None:
     with pytest.raises(DataError, match=r"interventions: expected a list, such as .*, got Remove\(object=0\)"):
-        resolve(Remove(0), OBJECTS, np.ones((3, 60), bool), 0)  # type: ignore[arg-type]
+        resolve(Remove(0), OBJECTS, np.ones((3, 60), bool), 0, CLEVRER_WORLD.vocabulary)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -323,7 +324,7 @@ def test_one_intervention_without_a_list_is_refused(simulated) -> None:
         (lambda: SetVelocity(0, vx=4, vy=4), "speed of up to 5"),
         (lambda: Move(0, x=1.0), "expected x and y, or dx and dy, got x"),
         (lambda: Move(0, x=15, y=0), "on the ground"),
-        (lambda: Add("red", "wood", "cube", 0, 0), "material: Expected one of metal, rubber"),
+        (lambda: Add("red", "Wood!", "cube", 0, 0), "Add: material: "),
         (lambda: Add("red", "metal", "cube", "1", 0), "Add: x: "),
         (lambda: Add("red", "metal", "cube", 0, 0, mass=0), "Add: .*mass"),
     ],
@@ -333,18 +334,27 @@ def test_malformed_interventions_are_refused(make: Callable[[], Any], message: s
         make()
 
 
+def test_added_objects_have_words_of_the_world() -> None:
+    added = [Add("red", "wood", "cube", 0, 0)]
+    with pytest.raises(DataError, match="Add: object 3: material: expected one of metal, rubber, got 'wood'"):
+        resolve(added, OBJECTS, np.ones((3, 5), bool), 0, CLEVRER_WORLD.vocabulary)
+
+
 def test_objects_that_are_not_in_the_image_yet_or_any_more() -> None:
     visible = np.ones((3, 20), bool)
     visible[0, :5] = visible[1, 12:] = visible[2] = False
-    assert resolve([Remove(0), SetMass(1, 2)], OBJECTS, visible, 0) == (Remove(0), SetMass(1, 2))
+    assert resolve([Remove(0), SetMass(1, 2)], OBJECTS, visible, 0, CLEVRER_WORLD.vocabulary) == (
+        Remove(0),
+        SetMass(1, 2),
+    )
     with pytest.raises(
         DataError, match="SetVelocity red metal sphere: it is not in the image at frame 2, it enters at frame 5"
     ):
-        resolve([SetVelocity(0, speed=1)], OBJECTS, visible, 2)
+        resolve([SetVelocity(0, speed=1)], OBJECTS, visible, 2, CLEVRER_WORLD.vocabulary)
     with pytest.raises(DataError, match="it leaves after frame 11; expected a from_frame from 0 to 11"):
-        resolve([Remove(1)], OBJECTS, visible, 12)
+        resolve([Remove(1)], OBJECTS, visible, 12, CLEVRER_WORLD.vocabulary)
     with pytest.raises(DataError, match="Freeze red rubber cube: it is never in the image"):
-        resolve([Freeze(2)], OBJECTS, visible, 0)
+        resolve([Freeze(2)], OBJECTS, visible, 0, CLEVRER_WORLD.vocabulary)
 
 
 def test_words_name_objects() -> None:
@@ -355,7 +365,7 @@ def test_words_name_objects() -> None:
 def test_backends_without_interventions_remove_one_object(backend: PhysicsPredictor, tracks: VideoTracks) -> None:
     class Other:
         def explain(self, states, collisions=None):
-            return StoredExplanation(backend.explain(states, collisions).prediction, states.camera)
+            return StoredExplanation(backend.explain(states, collisions).prediction)
 
     pipeline = Pipeline(None, Other(), None)  # type: ignore[arg-type]
     simulation = pipeline.simulate(tracks, [Remove("metal")])
@@ -498,7 +508,7 @@ def test_the_command_writes_a_report_a_video_and_json(
     frames = [np.zeros((320, 480, 3), np.uint8)] * FRAMES
 
     class Made:
-        camera = CLEVRER_CAMERA
+        world = CLEVRER_WORLD
 
         def simulate(self, video, interventions, from_frame, frames):
             assert (interventions, from_frame, frames) == ([Freeze("cylinder")], 0, None)

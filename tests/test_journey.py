@@ -40,7 +40,7 @@ class Still:
     """A dynamics backend of one's own."""
 
     def explain(self, states, collisions=None):
-        return NothingMoves(states.objects, states.n_frames, states.camera)
+        return NothingMoves(states.objects, states.n_frames, states.world)
 
 
 class AlwaysSpheres:

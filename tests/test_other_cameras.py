@@ -23,6 +23,7 @@ from nsdr.tracking.visibility import hidden_sides
 from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
+from nsdr.world.world import CLEVRER_WORLD, World
 
 from .test_frame_parser import BLUE, RED, as_proposals, moving
 
@@ -41,7 +42,7 @@ def tracks(zoom: tuple[float, float], n: int = 2, camera: Camera = CLEVRER_CAMER
         place = np.tile([0.5, k - 0.5], (9, 1))
         sphere = SceneObject(k, "red", "rubber", "sphere")
         found.append(Track(sphere, frames, place, np.tile(centre, (9, 1)), box, np.ones(9)))
-    return VideoTracks(128, tuple(found), camera)
+    return VideoTracks(128, tuple(found), World(camera=camera))
 
 
 def test_expected_sizes_are_those_of_outlines() -> None:
@@ -58,7 +59,7 @@ def test_sizes_that_do_not_fit_the_camera_are_doubtful() -> None:
     assert "0.7" in "".join(size_notes(tracks((0.75, 1.0))))
     assert size_ratio(tracks((2.0, 2.0), n=1)) is None
     assert size_notes(tracks((1.0, 1.0), camera=OTHER)) == ()
-    assert size_notes(replace(tracks((1.0, 1.0), camera=OTHER), camera=CLEVRER_CAMERA)) != ()
+    assert size_notes(replace(tracks((1.0, 1.0), camera=OTHER), world=CLEVRER_WORLD)) != ()
 
 
 def test_a_camera_sees_its_target_in_the_middle_and_upright() -> None:
@@ -82,7 +83,9 @@ def test_above_the_horizon_there_is_no_ground() -> None:
         (f, BLUE, s, (x, 30.0), [box[0], 15, box[2], 45]) for f, _, s, (x, _), box in moving(range(40), RED, 50, 3)
     ]
     low = [(f, a, s, (x, 250.0), [box[0], 235, box[2], 265]) for f, a, s, (x, _), box in stone]
-    assert [t.object.color for t in track(as_proposals(low + cloud), camera=LEVEL).tracks] == ["red"]
+    assert [t.object.color for t in track(replace(as_proposals(low + cloud), world=World(camera=LEVEL))).tracks] == [
+        "red"
+    ]
     with pytest.raises(ValueError, match="above the ground"):
         Camera(eye_world=(6.0, 0.0, 1.0), target_world=(0.0, 0.0, 5.0))
 
@@ -117,7 +120,7 @@ def test_all_that_follows_from_tracks_uses_their_camera(tmp_path) -> None:
         for distance in slide("cube", np.array(1.2), np.arange(40) * FRAME_SECONDS)[0]
     ]
     cube = {"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}
-    seen = tracks_from_annotation({"object_property": [cube], "motion_trajectory": frames}, OTHER)
+    seen = tracks_from_annotation({"object_property": [cube], "motion_trajectory": frames}, World(camera=OTHER))
     save(tmp_path / "tracks.json", seen)
     assert load(tmp_path / "tracks.json", VideoTracks) == seen
     states = states_from_tracks(seen)
@@ -126,7 +129,7 @@ def test_all_that_follows_from_tracks_uses_their_camera(tmp_path) -> None:
     assert smoothed.visible.all()
     fit = fit_trajectories(states, [])
     assert fit.cost < 0.2
-    assert fit_trajectories(replace(states, camera=CLEVRER_CAMERA), []).cost > 1.0  # the edges of the cube do not fit
+    assert fit_trajectories(replace(states, world=CLEVRER_WORLD), []).cost > 1.0  # the edges of the cube do not fit
     boxes = patch_boxes(states.location_world, states.box_px, states.reliable, 0, OTHER)[0]
     middle = boxes[:, :2] * [240, 160] + [240, 160]
     np.testing.assert_allclose(middle, OTHER.pixels([frame["objects"][0]["location"] for frame in frames]), atol=1e-6)
@@ -134,19 +137,19 @@ def test_all_that_follows_from_tracks_uses_their_camera(tmp_path) -> None:
 
 def test_tracks_hold_the_camera_they_were_made_with() -> None:
     rows = as_proposals(moving(range(40), RED, 100, 3), 40)
-    ours, other = track(rows), track(rows, camera=OTHER)
+    ours, other = track(rows), track(replace(rows, world=World(camera=OTHER)))
     assert (ours.camera, other.camera) == (CLEVRER_CAMERA, OTHER)
     assert np.abs(ours.tracks[0].location_world - other.tracks[0].location_world).max() > 0.3
 
 
 def test_the_camera_is_a_setting() -> None:
-    settings = pipeline_settings(overrides=["camera.eye_world=[3.6,1.6,3.2]", "camera.lens_mm=28"])
-    assert settings.camera == Camera((3.6, 1.6, 3.2), lens_mm=28.0)
+    settings = pipeline_settings(overrides=["world.camera.eye_world=[3.6,1.6,3.2]", "world.camera.lens_mm=28"])
+    assert settings.world.camera == Camera((3.6, 1.6, 3.2), lens_mm=28.0)
     assert fingerprint(config=settings) != fingerprint(config=PipelineConfig())
     with pytest.raises(DataError, match=r"camera: eye_world .* at least 0\.5 high"):
-        pipeline_settings(overrides=["camera.eye_world=[1,2,0.1]"])
+        pipeline_settings(overrides=["world.camera.eye_world=[1,2,0.1]"])
     with pytest.raises(ValueError, match="expected images of 480x320, got 640x320"):
-        PipelineConfig(camera=Camera(width=640))
+        PipelineConfig(world=World(camera=Camera(width=640)))
     view = view_of(RenderConfig(camera=OTHER, width=240, height=160), 0)
     assert view.camera == replace(OTHER, width=240, height=160)
 
@@ -160,5 +163,5 @@ def test_impossible_places_are_refused(eye: tuple[float, float, float]) -> None:
 
 
 def test_a_wrong_place_is_one_line(capsys) -> None:
-    assert main(["answer", str(VIDEO), "How many spheres are moving?", "--set", "camera.eye_world=[1,2,0]"]) == 2
+    assert main(["answer", str(VIDEO), "How many spheres are moving?", "--set", "world.camera.eye_world=[1,2,0]"]) == 2
     assert "expected the camera's place" in capsys.readouterr().err

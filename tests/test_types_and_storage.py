@@ -18,8 +18,9 @@ def proposals(n: int = 20) -> VideoProposals:
 
 
 def test_unknown_attribute_names_the_value() -> None:
-    with pytest.raises(DataError, match=r"color: Expected one of gray, .*yellow, got .*pink"):
-        SceneObject(0, "pink", "metal", "cube")
+    pink = SceneObject(0, "pink", "metal", "cube")
+    with pytest.raises(DataError, match=r"Scene: object 0: color: expected one of gray, .*yellow, got .*pink"):
+        Scene((pink,), 5, np.ones((1, 5), bool), None, ())
 
 
 def test_wrong_shape_names_expected_and_actual() -> None:

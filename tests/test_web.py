@@ -31,7 +31,7 @@ from nsdr.question_parser.grammar import GrammarParser
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.types import Add, Judgement, Remove, SetVelocity, VideoProposals
 from nsdr.visualize.html_parts import jpeg
-from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.world.world import CLEVRER_WORLD
 
 
 class FakePipeline:
@@ -178,7 +178,7 @@ def test_frames_after_a_cut_are_judged_too(small_scene: Scene, clip_files: list[
     def frames(path: Path, beyond_cuts: bool = False, note: Any = None) -> Any:
         yield from np.zeros((7 if beyond_cuts else 4, 320, 480, 3), np.uint8)
 
-    pipeline.frames, pipeline.tracker, pipeline.camera = frames, TrackerConfig(), CLEVRER_CAMERA
+    pipeline.frames, pipeline.tracker, pipeline.world = frames, TrackerConfig(), CLEVRER_WORLD
     pipeline.proposals, pipeline.judge = lambda path: (proposals, None), lambda path: Judgement((), 7, (), 0.0)
     judgement, tracks, shown = Clips(pipeline, 5).judge(
         Clip("key", clip_files[0], Perception(None, None, None, small_scene), ())

@@ -1,15 +1,18 @@
 """Worlds as values and as files."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
-from nsdr import World, read_world
+from nsdr import Camera, Pipeline, Scene, World, load, read_world, save
 from nsdr.errors import DataError
 from nsdr.world.physics import Physics, Timeline
 from nsdr.world.vocabulary import Color, Material, Shape, Vocabulary
+from tests.test_types_and_storage import proposals
 
 PUCKS = Vocabulary(
     (Color("orange", (255, 140, 0)), Color("white", (240, 240, 240), ("pale",))),
@@ -89,3 +92,43 @@ def test_words_have_indices_plurals_and_meanings() -> None:
     }
     assert PUCKS.adjectives["wooden"] == "wood"
     assert PUCKS.adjectives["pale"] == "white"
+
+
+class Part:
+    """Does nothing."""
+
+    def parse(self, *_: Any) -> None: ...
+
+    def explain(self, *_: Any) -> None: ...
+
+
+MINE = World("mine", PUCKS, timeline=Timeline(15, 60), camera=Camera((3.0, 0.0, 4.0)))
+
+
+def test_scenes_of_another_world_say_it_when_they_are_stored(tmp_path) -> None:
+    scene = Scene.of(["white steel die", "orange wood puck"], [("collision", 30, "die", "puck")], world=MINE)
+    assert scene.n_frames == 60
+    save(tmp_path / "scene.json", scene)
+    found = load(tmp_path / "scene.json", Scene)
+    assert found.world == MINE
+    assert str(found) == str(scene)
+    clevrer = Scene.of(["red metal cube"])
+    save(tmp_path / "clevrer.json", clevrer)
+    assert "world" not in (tmp_path / "clevrer.json").read_text()
+    assert load(tmp_path / "clevrer.json", Scene).world == World()
+
+
+def test_words_of_another_world_are_refused() -> None:
+    with pytest.raises(DataError, match=r"one shape \(puck, die\), such as 'white wood puck'"):
+        Scene.of(["red metal cube"], world=MINE)
+    with pytest.raises(DataError, match="Scene: object 0: color: expected one of orange, white, got 'red'"):
+        replace(Scene.of(["red metal cube"]), world=MINE)
+    with pytest.raises(DataError, match=r"VideoProposals.attribute: expected 0 to 11, got 19"):
+        replace(proposals(), attribute=np.full(20, 19), world=MINE)
+
+
+def test_a_pipeline_takes_proposals_of_its_own_world() -> None:
+    found = replace(proposals(), world=MINE)
+    assert found.words[0] == "white wood die"
+    with pytest.raises(DataError, match="the proposals have the words of the world mine, not of clevrer"):
+        Pipeline(*[Part()] * 3).judge(proposals=found)  # type: ignore[list-item]

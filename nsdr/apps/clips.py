@@ -140,9 +140,9 @@ class Clips:
         """
         path = clip.path
         with self._working:
-            judgement, how = self.pipeline.judge(path), (self.pipeline.tracker, self.pipeline.camera)
+            judgement, tracker = self.pipeline.judge(path), self.pipeline.tracker
             frames = np.stack(list(self.pipeline.frames(path, beyond_cuts=True, note=unsaid)))
-            return judgement, track(self.pipeline.proposals(path)[0], *how), frames
+            return judgement, track(self.pipeline.proposals(path)[0], tracker), frames
 
     def _too_long(self, path: Path, seconds: float) -> VideoError:
         most = f"clips of up to {self.max_seconds:g} s are taken, so cut it"

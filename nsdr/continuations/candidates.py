@@ -22,7 +22,6 @@ from nsdr.io.device import resolve_device
 from nsdr.tracking.tracker import TrackerConfig, detected_attributes, track
 from nsdr.types import Event, VideoProposals, VideoTracks
 from nsdr.validation import FloatArray
-from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.vocabulary import attributes_of, differing_words
 
@@ -132,14 +131,13 @@ def _renamed(collisions: Sequence[Event], ids: dict[int, int]) -> tuple[Event, .
 
 
 def baselines(
-    proposals: VideoProposals, config: TrackerConfig, camera: Camera, weights: Path, truth: TrueFuture, device: str
+    proposals: VideoProposals, config: TrackerConfig, weights: Path, truth: TrueFuture, device: str
 ) -> dict[str, Continuation]:
     """Make the prediction of each of `BASELINES`.
 
     Args:
         proposals: proposals of the true video; only those in the given frames are read.
         config: thresholds of the tracker.
-        camera: the camera that took the video.
         weights: folder of the checkpoint of the backends.
         truth: the true future.
         device: device on which the networks of the backends run, as in `Pipeline.from_pretrained`.
@@ -154,7 +152,7 @@ def baselines(
     processed = proposals.processed
     processed = None if processed is None else processed[processed < cut]
     given = replace(proposals, n_frames=cut, processed=processed, **arrays)
-    tracks = track(given, replace(config, min_frames=min(config.min_frames, cut // 2)), camera)
+    tracks = track(given, replace(config, min_frames=min(config.min_frames, cut // 2)))
     if not tracks.tracks:
         raise VideoError(f"no objects found in the first {cut} frames of the truth; give more frames")
     states = states_from_tracks(tracks)

@@ -205,7 +205,7 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
         )
     pipeline = worker_pipeline(settings.checkpoint, settings.pipeline, settings.device)
     view = view_of(settings.render, document["seed"])
-    pipeline.camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
+    pipeline.world = replace(pipeline.world, camera=replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX))
     generated, seen = (_proposals(pipeline, path) for path in (video.generated, video.seen))
     end = min(generated.n_frames, seen.n_frames)
     if end < cut + MIN_FOLLOWING_FRAMES:
@@ -217,7 +217,7 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
     perceptions = {GENERATED: pipeline.perceive(proposals=generated), TRUTH: pipeline.perceive(proposals=seen)}
     found = {row: _perceived(p, true) for row, p in perceptions.items()}
     weights = find_checkpoint(settings.checkpoint)
-    found |= baselines(seen, pipeline.tracker, pipeline.camera, weights, true, settings.device)
+    found |= baselines(seen, pipeline.tracker, weights, true, settings.device)
     runs = {row: bullet_runs(document, true, error, settings.runs, settings.physics) for row, error in FLOORS.items()}
     *others, nearest = runs
     futures = PossibleFutures(runs[nearest], true)

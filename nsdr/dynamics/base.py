@@ -14,8 +14,9 @@ from nsdr.io.registry import checked_result
 from nsdr.types import DynamicsPrediction, Event, ObjectPhysics, Remove, Rollout, SceneObject
 from nsdr.types.interventions import Intervention
 from nsdr.validation import expect
-from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import horizon_frame
+from nsdr.world.world import CLEVRER_WORLD, World
 
 __all__ = ["Dynamics", "Explanation", "StoredExplanation", "only_removal"]
 
@@ -43,7 +44,7 @@ class Explanation(ABC):
     Args:
         objects: identities of the objects.
         n_frames: number of frames of the video.
-        camera: the camera that took the video.
+        world: the world that the video is of.
         physics: masses, and velocities during the video; None if the backend does not estimate them.
     """
 
@@ -51,13 +52,18 @@ class Explanation(ABC):
         self,
         objects: Sequence[SceneObject],
         n_frames: int,
-        camera: Camera = CLEVRER_CAMERA,
+        world: World = CLEVRER_WORLD,
         physics: ObjectPhysics | None = None,
     ) -> None:
         self.objects = tuple(objects)
         self.n_frames = n_frames
-        self.camera = camera
+        self.world = world
         self.physics = physics
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that took the video."""
+        return self.world.camera
 
     @abstractmethod
     def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
@@ -94,7 +100,8 @@ class Explanation(ABC):
         if not changes and not from_frame and frames is None:
             return self.observed
         if changes != () or from_frame:
-            changes = resolve(changes, self.objects, self.observed.visible[:, : self.n_frames], from_frame)
+            visible = self.observed.visible[:, : self.n_frames]
+            changes = resolve(changes, self.objects, visible, from_frame, self.world.vocabulary)
         return self._ran(changes, from_frame, self._length(frames))
 
     @cached_property
@@ -111,7 +118,7 @@ class Explanation(ABC):
     def prediction(self) -> DynamicsPrediction:
         """The rollout of the video and the rollouts without each object, as a record that can be stored."""
         removals = dict(self.counterfactual)
-        return DynamicsPrediction(self.objects, self.n_frames, self.observed, removals, self.physics)
+        return DynamicsPrediction(self.objects, self.n_frames, self.observed, removals, self.physics, self.world)
 
     def _ran(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:
         """The result of `run`, which may be another package's."""
@@ -150,8 +157,8 @@ class _Removals(Mapping[int, Rollout]):
 class StoredExplanation(Explanation):
     """An explanation read from a stored prediction. It has only the rollouts that were stored."""
 
-    def __init__(self, prediction: DynamicsPrediction, camera: Camera = CLEVRER_CAMERA) -> None:
-        super().__init__(prediction.objects, prediction.n_frames, camera, prediction.physics)
+    def __init__(self, prediction: DynamicsPrediction) -> None:
+        super().__init__(prediction.objects, prediction.n_frames, prediction.world, prediction.physics)
         self.observed, self.counterfactual = prediction.observed, prediction.counterfactual
         self.prediction = prediction
 

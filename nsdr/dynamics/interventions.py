@@ -9,15 +9,20 @@ import numpy as np
 from nsdr.errors import DataError
 from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention
-from nsdr.types.tracks import find_object
+from nsdr.types.tracks import check_words, find_object
 from nsdr.validation import BoolArray
+from nsdr.world.vocabulary import Vocabulary
 
 EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
 """An object can have at most one intervention from each of these sets. `Remove` excludes all others."""
 
 
 def resolve(
-    interventions: Sequence[Intervention], objects: Sequence[SceneObject], visible: BoolArray, from_frame: int
+    interventions: Sequence[Intervention],
+    objects: Sequence[SceneObject],
+    visible: BoolArray,
+    from_frame: int,
+    vocabulary: Vocabulary,
 ) -> tuple[Intervention, ...]:
     """Replace the words of interventions by ids, and check the interventions against each other and the video.
 
@@ -26,6 +31,7 @@ def resolve(
         objects: objects of the video.
         visible: (n, F) bool, whether each object is in the image at each frame of the video.
         from_frame: frame at which the interventions happen.
+        vocabulary: the words that an added object may have.
 
     Raises:
         DataError: `interventions` is not a list, `from_frame` is outside the video, an object is unknown or not in the image at
@@ -39,6 +45,7 @@ def resolve(
     found: list[Intervention] = []
     for change in interventions:
         if isinstance(change, Add):
+            check_words("Add", [SceneObject(len(objects), change.color, change.material, change.shape)], vocabulary)
             found.append(change)
         elif isinstance(change, Remove | SetMass | SetVelocity | Move | Freeze):
             i = find_object(objects, change.object)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from nsdr.tracking.visibility import hidden_sides
 from nsdr.types import SceneObject, VideoProposals, VideoTracks
 from nsdr.validation import BoolArray, FloatArray, IntArray
-from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.camera import Camera
 from nsdr.world.vocabulary import MATERIALS, SHAPES
+from nsdr.world.world import CLEVRER_WORLD, World
 
 UNRELIABLE_WEIGHT = 0.03
 """Weight of the position of an object that is partly hidden or cut by the image border. Chosen, like `REST_SPEED_WORLD_PER_S`
@@ -61,7 +62,7 @@ class MotionStates:
         patches: (n, F, 4, cells, cells) uint8, image and mask around each object (`nsdr.dynamics.propnet.patches`); None
             for backends that read no images.
         pixels: images of the video, from which patches can be made; None if there are only tracks.
-        camera: the camera that took the video.
+        world: the world that the video is of.
     """
 
     objects: tuple[SceneObject, ...]
@@ -72,7 +73,12 @@ class MotionStates:
     box_px: FloatArray
     patches: NDArray[np.uint8] | None = None
     pixels: VideoPixels | None = None
-    camera: Camera = CLEVRER_CAMERA
+    world: World = CLEVRER_WORLD
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that took the video."""
+        return self.world.camera
 
     @property
     def n_frames(self) -> int:
@@ -120,7 +126,7 @@ def states_from_tracks(video: VideoTracks, pixels: VideoPixels | None = None) ->
     centre_and_size = np.concatenate([(box[..., :2] + box[..., 2:]) / 2, box[..., 2:] - box[..., :2]], -1)
     objects = tuple(t.object for t in video.tracks)
     measured = MotionStates(
-        objects, location, detected, reliable, detected, centre_and_size, pixels=pixels, camera=video.camera
+        objects, location, detected, reliable, detected, centre_and_size, pixels=pixels, world=video.world
     )
     return _filled(measured)
 

@@ -20,7 +20,6 @@ SPEED_WINDOW_FRAMES = 11
 def scene_from_prediction(
     prediction: DynamicsPrediction,
     existence: NDArray[np.floating[Any]] | None = None,
-    camera: Camera | None = None,
 ) -> Scene:
     """Make the scene of a prediction: observed, predicted and counterfactual events, and motion.
 
@@ -33,7 +32,6 @@ def scene_from_prediction(
     Args:
         prediction: output of a dynamics backend.
         existence: (n,) probability that each object exists, if the video was perceived (`Scene.existence`).
-        camera: the camera that took the video; None leaves the motion in the image (`Scene.motion_px`) unknown.
     """
     n_frames = prediction.n_frames
     visible = prediction.observed.visible[:, :n_frames]
@@ -60,7 +58,8 @@ def scene_from_prediction(
         uncertain=uncertain,
         physics=prediction.physics,
         existence=existence,
-        motion_px=None if camera is None else motion_px(prediction.observed.location_world, visible, camera),
+        motion_px=motion_px(prediction.observed.location_world, visible, prediction.world.camera),
+        world=prediction.world,
         collisions_only=False,
     )
 

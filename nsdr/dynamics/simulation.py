@@ -13,7 +13,7 @@ from nsdr.dynamics.scene import events_of, scene_from_prediction
 from nsdr.errors import DataError
 from nsdr.types import Add, DynamicsPrediction, Event, Move, Remove, Rollout, Scene, SceneObject, Simulation
 from nsdr.types.interventions import Intervention
-from nsdr.world.camera import Camera
+from nsdr.world.world import World
 
 
 def simulate(
@@ -32,7 +32,8 @@ def simulate(
             the backend does not support it: networks can only remove one object from frame 0.
     """
     n_frames, old = explanation.n_frames, explanation.objects
-    changes = resolve(interventions, old, explanation.observed.visible[:, :n_frames], from_frame)
+    visible, vocabulary = explanation.observed.visible[:, :n_frames], explanation.world.vocabulary
+    changes = resolve(interventions, old, visible, from_frame, vocabulary)
     if not changes:
         raise DataError("interventions: expected at least one, such as [nsdr.Remove('red cube')], got none")
     changed = explanation.rollout(changes, from_frame, frames)
@@ -46,7 +47,7 @@ def simulate(
         return event.kind == "collision" or event.frame != from_frame or first not in placed
 
     kept = [o.id for o in objects if from_frame > 0 or o.id not in removed]
-    scene = _scene(objects, n_frames, changed, kept, explanation.camera)
+    scene = _scene(objects, n_frames, changed, kept, explanation.world)
     return Simulation(
         objects,
         n_frames,
@@ -81,9 +82,7 @@ def padded(values: NDArray[Any], extra: int, value: float | bool) -> NDArray[Any
     return np.concatenate([values, np.full((extra, *values.shape[1:]), value, values.dtype)])
 
 
-def _scene(
-    objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept: Sequence[int], camera: Camera | None
-) -> Scene:
+def _scene(objects: Sequence[SceneObject], n_frames: int, rollout: Rollout, kept: Sequence[int], world: World) -> Scene:
     """The scene of the objects of a rollout that are in `kept`, renumbered from 0."""
     new = {old: i for i, old in enumerate(kept)}
 
@@ -101,5 +100,5 @@ def _scene(
         None if uncertain is None else tuple(replace(one, event=renumbered(one.event)) for one in uncertain),
         None if yaw is None else yaw[kept],
     )
-    prediction = DynamicsPrediction(tuple(replace(objects[i], id=new[i]) for i in kept), n_frames, part)
-    return replace(scene_from_prediction(prediction, camera=camera), counterfactual=None, dynamics=prediction)
+    prediction = DynamicsPrediction(tuple(replace(objects[i], id=new[i]) for i in kept), n_frames, part, world=world)
+    return replace(scene_from_prediction(prediction), counterfactual=None, dynamics=prediction)

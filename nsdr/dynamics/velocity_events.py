@@ -52,7 +52,7 @@ class _VelocityExplanation(Explanation):
     """The rollouts of another explanation, with collisions where velocities change in them."""
 
     def __init__(self, motion: Explanation, before: tuple[Event, ...]) -> None:
-        super().__init__(motion.objects, motion.n_frames, motion.camera, motion.physics)
+        super().__init__(motion.objects, motion.n_frames, motion.world, motion.physics)
         self._motion, self._before = motion, before
 
     def run(self, changes: Sequence[Intervention], from_frame: int, frames: int) -> Rollout:

@@ -99,7 +99,7 @@ def evaluate(
 def _without_questions(pipeline: Pipeline) -> Pipeline:
     """A pipeline that perceives alike."""
     p = pipeline
-    return Pipeline(p.frame_parser, p.dynamics, GrammarParser(), p.tracker, p.video, p.camera)
+    return Pipeline(p.frame_parser, p.dynamics, GrammarParser(), p.tracker, p.video, p.world)
 
 
 def run_evaluation(config: EvaluationConfig) -> Report:

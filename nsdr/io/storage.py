@@ -17,6 +17,7 @@ from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.validation import Checked, Count, check_fields, convert, expect, shown
+from nsdr.world.world import CLEVRER_WORLD, World
 
 T = TypeVar("T")
 _KINDS: dict[str, type] = {name: kind for name in types.__all__ if isinstance(kind := getattr(types, name), type)}
@@ -111,8 +112,11 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
 def _encoded(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return {"dtype": str(value.dtype), "shape": list(value.shape), "values": _listed(value)}
+    if isinstance(value, World):
+        return msgspec.to_builtins(value)
     if dataclasses.is_dataclass(value):
-        content = {f.name: _encoded(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        given = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        content = {k: _encoded(v) for k, v in given.items() if not (isinstance(v, World) and v == CLEVRER_WORLD)}
         return {"type": type(value).__name__, **content}
     if isinstance(value, Mapping):
         return {"map": [[_encoded(k), _encoded(v)] for k, v in value.items()]}
@@ -155,7 +159,8 @@ def _decoded(tree: Any, where: str) -> Any:
         size = len(content[key]) if isinstance(content.get(key), list) else content.get(key)
         if isinstance(size, int):
             check_limit(size, limit, f"{place}.{key}")
-    decoded: dict[str, Any] = {key: _decoded(v, f"{where}.{key}") for key, v in content.items()}
+    world = {"world": convert(content.pop("world"), World, f"{place}.world: ")} if "world" in content else {}
+    decoded: dict[str, Any] = {key: _decoded(v, f"{where}.{key}") for key, v in content.items()} | world
     try:
         inspect.signature(kind).bind(**decoded)
         value = kind(**decoded)

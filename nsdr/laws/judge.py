@@ -12,7 +12,6 @@ from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Judgement, VideoProposals, VideoTracks, Violation
 from nsdr.validation import FloatArray, IntArray
-from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.physics_constants import FPS
 
 EVEN_NATS = {
@@ -45,7 +44,6 @@ originals and clips), one seems to break a law at a stride of 2, and one at 3; o
 def judge_proposals(
     proposals: VideoProposals,
     tracker: TrackerConfig | None = None,
-    camera: Camera = CLEVRER_CAMERA,
     late: FloatArray | None = None,
 ) -> Judgement:
     """Judge which laws of CLEVRER's world a video breaks, which objects break them, and when.
@@ -60,7 +58,6 @@ def judge_proposals(
     Args:
         proposals: proposals in the frames of the video.
         tracker: thresholds of the tracker.
-        camera: the camera that took the video.
         late: (F,) delay of each frame relative to a video at 25 frames per second (frames), not 0 for videos at another rate;
             None for no delays.
 
@@ -70,7 +67,7 @@ def judge_proposals(
     Raises:
         VideoError: too few frames were processed, or their spacing is too large.
     """
-    return judge_tracks(track(proposals, tracker, camera), proposals, late)
+    return judge_tracks(track(proposals, tracker), proposals, late)
 
 
 def judge_tracks(tracks: VideoTracks, proposals: VideoProposals, late: FloatArray | None = None) -> Judgement:

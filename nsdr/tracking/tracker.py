@@ -14,9 +14,9 @@ from nsdr.tracking.localization import ground_location
 from nsdr.tracking.visibility import cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 from nsdr.validation import Count, Settings, Share
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
 from nsdr.world.shapes import surface_points
-from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES, SHAPES, attributes_of
+from nsdr.world.vocabulary import differing_words
+from nsdr.world.world import CLEVRER_WORLD, World
 
 PROPOSAL_SCORE = 0.9
 """The paper's threshold for proposals: those with a score up to this are ignored (0-1)."""
@@ -55,8 +55,6 @@ LATE_DETECTIONS = 4
 about 0.5 to the power of n, for n up to this value. In the scenes of `train`, these were 5 of 9 objects with one detection,
 2 of 9 with two, 2 of 6 with three and none of 6 with four (`python -m benchmarks.objects`), but none of 90 spheres; in
 `validation`, 1 of 23 spheres and 2 of 4 others."""
-_WORDS = np.array([attributes_of(i) for i in range(N_ATTRIBUTE_TRIPLES)])
-"""(N_ATTRIBUTE_TRIPLES, 3) words of each attribute index."""
 DOUBTFUL_SPACING_FRAMES = 8
 """Processed frames that are further apart than this are noted (frames)."""
 
@@ -100,9 +98,7 @@ class _Tracklet:
         self.frame, self.position = frame, position
 
 
-def track(
-    proposals: VideoProposals, config: TrackerConfig | None = None, camera: Camera = CLEVRER_CAMERA
-) -> VideoTracks:
+def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> VideoTracks:
     """Track the objects of a video.
 
     Proposals are linked from frame to frame by predicted position and attributes (optimal assignment). The linked tracklets
@@ -115,7 +111,7 @@ def track(
     Differs from the paper: the paper matches by the attribute label alone and keeps identities of more than ten frames. Here,
     a tracklet outvotes wrong labels of single frames, and objects that enter in the last frames are kept.
     """
-    c, processed = config or TrackerConfig(), proposals.processed
+    c, processed, vocabulary = config or TrackerConfig(), proposals.processed, proposals.world.vocabulary
     spacing = 1.0 if processed is None or len(processed) < 2 else float(np.median(np.diff(processed)))
     notes = [*proposals.notes]
     if spacing > DOUBTFUL_SPACING_FRAMES:
@@ -124,7 +120,7 @@ def track(
             "missed and misplaced; lower the stride (`--set stride=N`), or use a video with more frames per second"
         )
     kept = np.flatnonzero(proposals.score > c.score)
-    positions = _positions(proposals, kept, camera)
+    positions = _positions(proposals, kept)
     kept = kept[np.isfinite(positions[kept]).all(1)]  # nothing stands above the horizon
     linked = [tracklet.rows for tracklet in _link(proposals, kept, positions, spacing)]
     parts = [part for rows in linked for part in _cut_at_switches(proposals, rows, spacing)]
@@ -132,14 +128,14 @@ def track(
     for attribute, rows in _identities(proposals, parts).items():
         seen_often = len(rows) * spacing > c.min_frames and len(rows) >= min(MIN_SAMPLES, spacing)
         if seen_often or _enters_late(proposals, rows, c.min_frames, spacing):
-            found = SceneObject(0, *attributes_of(attribute)), proposals.frame_index[rows], positions[rows]
+            found = SceneObject(0, *vocabulary.triple(attribute)), proposals.frame_index[rows], positions[rows]
             measured = proposals.centroid_px[rows], proposals.box_xyxy_px[rows], proposals.score[rows]
             tracks.append(Track(*found, *measured))
     tracks.sort(key=lambda t: (len(t.frame_index), float(t.score.sum())), reverse=True)
     tracks = [t for k, t in enumerate(tracks) if not any(_share_place(t, better) for better in tracks[:k])]
     tracks.sort(key=lambda t: (int(t.frame_index[0]), t.object.name))
     numbered = [replace(t, object=replace(t.object, id=i)) for i, t in enumerate(tracks)]
-    return VideoTracks(proposals.n_frames, tuple(numbered), camera, tuple(notes))
+    return VideoTracks(proposals.n_frames, tuple(numbered), proposals.world, tuple(notes))
 
 
 def _iou(boxes: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
@@ -178,7 +174,7 @@ def _share_place(t: Track, other: Track) -> bool:
     return bool(near.mean() >= DUPLICATE_SHARE)
 
 
-def _positions(proposals: VideoProposals, kept: NDArray[Any], camera: Camera) -> NDArray[Any]:
+def _positions(proposals: VideoProposals, kept: NDArray[Any]) -> NDArray[Any]:
     """(N, 2) ground positions of all rows (world units); NaN for rows that are not in `kept`."""
     positions = np.full((len(proposals), 2), np.nan)
     if not len(kept):
@@ -186,11 +182,12 @@ def _positions(proposals: VideoProposals, kept: NDArray[Any], camera: Camera) ->
     frames = proposals.frame_index[kept]
     starts = np.flatnonzero(np.diff(frames, prepend=-1))
     hidden = np.concatenate([hidden_sides(proposals.box_xyxy_px[rows]) for rows in np.split(kept, starts[1:])])
-    shapes = np.array([SHAPES.index(_WORDS[a, 2]) for a in proposals.attribute[kept]])
-    for index, shape in enumerate(SHAPES):
+    words = proposals.world.vocabulary.words["shape"]
+    shapes = proposals.attribute[kept] % len(words)
+    for index, shape in enumerate(words):
         rows = kept[shapes == index]
         seen = proposals.centroid_px[rows], proposals.box_xyxy_px[rows], hidden[shapes == index]
-        positions[rows] = ground_location(shape, *seen, camera)
+        positions[rows] = ground_location(shape, *seen, proposals.world.camera)
     return positions
 
 
@@ -199,6 +196,7 @@ def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any]
     max_gap, memory = _max_gap_frames(spacing), VELOCITY_MEMORY**spacing
     # Positions are predicted as much worse as the gate is wider; words are read as well as ever.
     mismatch_world = MISMATCH_WORLD * _gate_world(spacing) / _gate_world(1)
+    words = np.array(proposals.world.vocabulary.triples)[proposals.attribute]
     rows_by_frame = defaultdict(list)
     for row in kept.tolist():
         rows_by_frame[int(proposals.frame_index[row])].append(row)
@@ -213,8 +211,8 @@ def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any]
         distance = np.hypot(*np.moveaxis(positions[rows][:, None] - predicted, 2, 0))
         overlaps = (gap == 1) & (_iou(proposals.box_xyxy_px[rows], proposals.box_xyxy_px[last]) >= SAME_IOU)
         may_be_same = (distance <= _gate_world(gap)) | (overlaps & np.isfinite(distance))
-        words = (_WORDS[proposals.attribute[rows]][:, None] != _WORDS[proposals.attribute[last]]).sum(2)
-        cost = np.minimum(distance, _gate_world(gap)) + mismatch_world * words
+        differing = (words[rows][:, None] != words[last]).sum(2)
+        cost = np.minimum(distance, _gate_world(gap)) + mismatch_world * differing
         cost[~may_be_same] = NO_MATCH_COST
         chosen_rows, chosen_tracklets = linear_sum_assignment(cost)
         matched = set()
@@ -229,14 +227,14 @@ def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any]
 
 def _cut_at_switches(proposals: VideoProposals, rows: list[int], spacing: float) -> list[list[int]]:
     """A tracklet's rows, cut where it goes over from one object to another, as where one hides another at the border."""
-    attributes = proposals.attribute[rows]
+    attributes, triples = proposals.attribute[rows], proposals.world.vocabulary.triples
     values, counts = np.unique(attributes, return_counts=True)
     enough = math.ceil(SWITCH_FRAMES / spacing)
     often = values[counts >= enough].tolist()
     best, cut = 0, 0
     for before in often:
         for after in often:
-            if (_WORDS[before] != _WORDS[after]).sum() < SWITCHED_WORDS:
+            if differing_words(triples[before], triples[after]) < SWITCHED_WORDS:
                 continue
             left, right = np.cumsum(attributes == before), np.cumsum((attributes == after)[::-1])[::-1]
             k = np.arange(1, len(rows))
@@ -290,16 +288,17 @@ def existence(tracks: VideoTracks) -> NDArray[np.float64]:
     return found
 
 
-def tracks_from_annotation(annotation: Mapping[str, Any], camera: Camera = CLEVRER_CAMERA) -> VideoTracks:
+def tracks_from_annotation(annotation: Mapping[str, Any], world: World = CLEVRER_WORLD) -> VideoTracks:
     """True positions of all objects in the frames where they are in view, with the boxes of their outlines and score 1.
 
     Objects that are never in view are left out.
 
     Args:
         annotation: validated content of an annotation file: its `object_property` and `motion_trajectory`.
-        camera: the camera that took the video.
+        world: the world that the video is of.
     """
-    size = np.array([WIDTH_PX, HEIGHT_PX])
+    camera = world.camera
+    size = np.array([camera.width, camera.height])
     tracks: list[Track] = []
     frames = annotation["motion_trajectory"]
     for properties in sorted(annotation["object_property"], key=lambda p: int(p["object_id"])):
@@ -321,4 +320,4 @@ def tracks_from_annotation(annotation: Mapping[str, Any], camera: Camera = CLEVR
             scene_object = SceneObject(len(tracks), *words)
             location = np.array(positions, float)
             tracks.append(Track(scene_object, np.array(seen), location, centre, box, np.ones(len(seen))))
-    return VideoTracks(len(frames), tuple(tracks), camera)
+    return VideoTracks(len(frames), tuple(tracks), world)

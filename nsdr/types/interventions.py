@@ -10,9 +10,9 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from nsdr.types.tracks import SceneObject
 from nsdr.validation import Checked, Finite, expect
 from nsdr.world.physics_constants import GROUND_HALF_WIDTH_WORLD, OBJECT_RADIUS_WORLD
+from nsdr.world.vocabulary import Word
 
 MAX_SPEED_WORLD_PER_S = 5.0
 """Fastest speed that can be set (world units/s): CLEVRER's objects start with up to 3, and at 5 one crosses a tenth of another
@@ -124,16 +124,16 @@ class Add(Checked):
     """A new object.
 
     Attributes:
-        color, material, shape: words of `nsdr.world.vocabulary`; no other object of the scene has all three.
+        color, material, shape: words of the world's vocabulary; no other object of the scene has all three.
         x, y: position on the ground: towards the camera, and to the right of the image (world units).
         vx, vy: velocity along the same axes (world units/s).
         yaw: rotation about the vertical axis, of cubes (radians).
         mass: relative mass; CLEVRER's objects have 0.7 to 1.3.
     """
 
-    color: str
-    material: str
-    shape: str
+    color: Word
+    material: Word
+    shape: Word
     x: Finite
     y: Finite
     vx: Finite = 0.0
@@ -143,7 +143,6 @@ class Add(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        SceneObject(0, self.color, self.material, self.shape)  # checks the words
         check_position("Add", self.x, self.y)
         check_speed("Add", math.hypot(self.vx, self.vy))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from nsdr.types.arrays import ArrayHolder
 from nsdr.types.events import Event, event_sentence, in_order, visible_by
-from nsdr.types.tracks import SceneObject, check_objects, find_object, object_of
+from nsdr.types.tracks import SceneObject, check_objects, check_words, find_object, object_of
 from nsdr.validation import (
     Array,
     BoolArray,
@@ -22,7 +22,7 @@ from nsdr.validation import (
     expect,
 )
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
-from nsdr.world.physics_constants import VIDEO_FRAMES
+from nsdr.world.world import CLEVRER_WORLD, World
 
 EventSource = Event | tuple[Any, ...]
 """An event, or its kind, frame and objects; see `Scene.of`."""
@@ -134,6 +134,7 @@ class DynamicsPrediction(ArrayHolder):
         observed: the rollout with all objects: the video and its continuation.
         counterfactual: rollouts with one object removed, by that object's id.
         physics: velocities during the video and masses; None where the backend does not know them.
+        world: the world that the video is of.
     """
 
     objects: tuple[SceneObject, ...]
@@ -141,10 +142,11 @@ class DynamicsPrediction(ArrayHolder):
     observed: Rollout
     counterfactual: Mapping[Count, Rollout] = field(default_factory=dict)
     physics: ObjectPhysics | None = None
+    world: World = CLEVRER_WORLD
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_world("DynamicsPrediction", self)
+        _check_common("DynamicsPrediction", self)
         for rollout in (self.observed, *self.counterfactual.values()):
             n, found = len(self.objects), len(rollout.visible)
             expect(found == n, "DynamicsPrediction", f"rollouts of {n} objects", found)
@@ -176,6 +178,7 @@ class Scene(ArrayHolder):
             carry them, too.
         collisions_only: whether `unseen` and `counterfactual` hold collisions only, as CLEVRER's questions need, so that
             entrances and exits after the video or with an object removed are not known.
+        world: the world that the video is of.
     """
 
     objects: tuple[SceneObject, ...]
@@ -193,10 +196,11 @@ class Scene(ArrayHolder):
     motion_px: Annotated[FloatArray, Array("objects", 2, nan=True)] | None = None
     notes: tuple[str, ...] = ()
     collisions_only: bool = True
+    world: World = CLEVRER_WORLD
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_world("Scene", self)
+        _check_common("Scene", self)
         n, names = len(self.objects), [o.name for o in self.objects]
         expect(len(set(names)) == n, "Scene.objects", "unique attribute triples", ", ".join(sorted(names)))
         counterfactual, uncertain = self.counterfactual or {}, self.uncertain or ()
@@ -223,11 +227,12 @@ class Scene(ArrayHolder):
         cls,
         objects: Sequence[str],
         events: Sequence[EventSource] = (),
-        n_frames: int = VIDEO_FRAMES,
+        n_frames: int | None = None,
         predicted: Sequence[EventSource] | None = None,
         counterfactual: Mapping[str | int, Sequence[EventSource]] | None = None,
         visible: BoolArray | None = None,
         moving: BoolArray | None = None,
+        world: World = CLEVRER_WORLD,
     ) -> "Scene":
         """A scene written by hand. What is left out is not known, and questions that need it are refused.
 
@@ -242,16 +247,18 @@ class Scene(ArrayHolder):
             objects: color, material and shape of each object.
             events: what happens: an `Event`, or its kind ("in", "out" or "collision"), its frame, and its objects by words that
                 only one object has, or by ids.
-            n_frames: number of frames of the video.
+            n_frames: number of frames of the video; None for that of the world's videos.
             predicted: collisions after the video, like `events`.
             counterfactual: collisions without an object, by that object.
             visible, moving: see `Scene`. With `visible` None, an object is in the image except before it enters and after it
                 exits.
+            world: the world that the scene is of.
 
         Raises:
             DataError: words that no object can have, or that fit no or several objects of the scene; or see `Scene`.
         """
-        found = tuple(object_of(i, words) for i, words in enumerate(objects))
+        found = tuple(object_of(i, words, world.vocabulary) for i, words in enumerate(objects))
+        n_frames = world.timeline.frames if n_frames is None else n_frames
 
         def listed(given: Sequence[EventSource]) -> tuple[Event, ...]:
             return tuple(e if isinstance(e, Event) else _event_of(found, e) for e in given)
@@ -267,6 +274,7 @@ class Scene(ArrayHolder):
             None
             if counterfactual is None
             else {find_object(found, one): listed(given) for one, given in counterfactual.items()},
+            world=world,
         )
 
     def describe(self, event: Event) -> str:
@@ -287,15 +295,16 @@ def _event_of(objects: Sequence[SceneObject], source: Sequence[Any]) -> Event:
     return Event(kind, frame, tuple(sorted(find_object(objects, one) for one in who)))
 
 
-def _check_world(owner: str, world: DynamicsPrediction | Scene) -> None:
-    """What both have in common: ids, removed objects, and the size of the physics."""
-    check_objects(owner, world.objects)
-    n = len(world.objects)
-    for removed in world.counterfactual or {}:
+def _check_common(owner: str, value: DynamicsPrediction | Scene) -> None:
+    """What both have in common: ids and words of objects, removed ones, and the size of the physics."""
+    check_objects(owner, value.objects)
+    check_words(owner, value.objects, value.world.vocabulary)
+    n = len(value.objects)
+    for removed in value.counterfactual or {}:
         expect(removed < n, f"{owner}.counterfactual", f"object ids from 0 to {n - 1} as keys", removed)
-    if world.physics is not None:
-        found, expected = world.physics.velocity_world_per_s.shape[:2], (n, world.n_frames)
-        expect(found == expected, f"{owner}.physics", f"{n} objects and {world.n_frames} frames", found)
+    if value.physics is not None:
+        found, expected = value.physics.velocity_world_per_s.shape[:2], (n, value.n_frames)
+        expect(found == expected, f"{owner}.physics", f"{n} objects and {value.n_frames} frames", found)
 
 
 def _check_dynamics(scene: Scene, dynamics: DynamicsPrediction) -> None:

@@ -1,6 +1,6 @@
 """What is seen in a video: objects, detections and tracks."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -9,8 +9,9 @@ import numpy as np
 from nsdr.errors import DataError
 from nsdr.types.arrays import ArrayHolder
 from nsdr.validation import Array, BoolArray, Checked, Count, FloatArray, IntArray, PositiveCount, expect
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
-from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES, ColorWord, MaterialWord, ShapeWord, attributes_of
+from nsdr.world.camera import Camera
+from nsdr.world.vocabulary import Vocabulary, Word
+from nsdr.world.world import CLEVRER_WORLD, World
 
 
 @dataclass(frozen=True)
@@ -19,15 +20,13 @@ class SceneObject(Checked):
 
     Attributes:
         id: index in the scene.
-        color: one of `nsdr.world.vocabulary.COLORS`.
-        material: one of `nsdr.world.vocabulary.MATERIALS`.
-        shape: one of `nsdr.world.vocabulary.SHAPES`.
+        color, material, shape: words of a world's vocabulary.
     """
 
     id: Count
-    color: ColorWord
-    material: MaterialWord
-    shape: ShapeWord
+    color: Word
+    material: Word
+    shape: Word
 
     @property
     def name(self) -> str:
@@ -41,17 +40,24 @@ def check_objects(owner: str, objects: Sequence[SceneObject]) -> None:
     expect(ids == list(range(len(ids))), f"{owner}: object ids", f"0 to {len(ids) - 1} in order", ids)
 
 
-def object_of(number: int, words: str) -> SceneObject:
+def check_words(owner: str, objects: Iterable[SceneObject], vocabulary: Vocabulary) -> None:
+    """Raise `DataError` unless the words of the objects are those of a vocabulary; names the first that are not."""
+    for o in objects:
+        for (name, known), word in zip(vocabulary.words.items(), (o.color, o.material, o.shape), strict=True):
+            expect(word in known, f"{owner}: object {o.id}: {name}", f"one of {', '.join(known)}", repr(word))
+
+
+def object_of(number: int, words: str, vocabulary: Vocabulary = CLEVRER_WORLD.vocabulary) -> SceneObject:
     """The object with an id and words in any order, such as "red metal cube".
 
     Raises:
         DataError: the words are not one color, one material and one shape.
     """
     given = words.lower().removeprefix("the ").split()
-    found = [[word for word in given if word in known] for known in ATTRIBUTES.values()]
+    found = [[word for word in given if word in known] for known in vocabulary.words.values()]
     fits = len(given) == len(found) and all(len(of_one) == 1 for of_one in found)
-    known = " and ".join(f"one {name} ({', '.join(values)})" for name, values in ATTRIBUTES.items())
-    expect(fits, "object", f"{known}, such as 'red metal cube'", repr(words))
+    known = " and ".join(f"one {name} ({', '.join(values)})" for name, values in vocabulary.words.items())
+    expect(fits, "object", f"{known}, such as {vocabulary.example!r}", repr(words))
     return SceneObject(number, *(word for (word,) in found))
 
 
@@ -81,19 +87,20 @@ class VideoProposals(ArrayHolder):
     Attributes:
         n_frames: number of frames of the video.
         frame_index: (N,) int, frame of each detection, ascending.
-        attribute: (N,) int in 0-47, `nsdr.world.vocabulary.attribute_index` of the detected words.
+        attribute: (N,) int, `Vocabulary.index` of the detected words: 0-47 in CLEVRER.
         score: (N,) float in 0-1, confidence of the detector.
         centroid_px: (N, 2) float, mean (column, row) of the mask's pixel centres.
         area_px: (N,) int, number of mask pixels.
         box_xyxy_px: (N, 4) int, bounding box (left, top, right, bottom) of the mask, end exclusive.
-        masks: N COCO run-length strings of the (320, 480) masks; None where only the numbers are known.
+        masks: N COCO run-length strings of the masks, of the image's size; None where only the numbers are known.
         processed: (P,) int, ascending frames that the detector processed; None for all.
         notes: what a user should know about the video as it was read, one sentence each.
+        world: the world that the video is of.
     """
 
     n_frames: PositiveCount
     frame_index: Annotated[IntArray, Array("n")]
-    attribute: Annotated[IntArray, Array("n", low=0, high=N_ATTRIBUTE_TRIPLES - 1)]
+    attribute: Annotated[IntArray, Array("n", low=0)]
     score: Annotated[FloatArray, Array("n", low=0, high=1)]
     centroid_px: Annotated[FloatArray, Array("n", 2)]
     area_px: Annotated[IntArray, Array("n")]
@@ -101,9 +108,13 @@ class VideoProposals(ArrayHolder):
     masks: tuple[str, ...] | None = None
     processed: Annotated[IntArray, Array("processed frames")] | None = None
     notes: tuple[str, ...] = ()
+    world: World = CLEVRER_WORLD
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        most = self.world.vocabulary.n_triples - 1
+        highest = int(self.attribute.max(initial=0))
+        expect(highest <= most, "VideoProposals.attribute", f"0 to {most}", highest)
         if self.masks is not None:
             expect(len(self.masks) == len(self), "VideoProposals.masks", f"{len(self)} masks", len(self.masks))
         _check_frames("VideoProposals.frame_index", self.frame_index, self.n_frames)
@@ -116,10 +127,10 @@ class VideoProposals(ArrayHolder):
     @property
     def words(self) -> tuple[str, ...]:
         """Of each of the N detections what was recognised, such as "red rubber cube"."""
-        return tuple(" ".join(attributes_of(i)) for i in self.attribute.tolist())
+        return tuple(" ".join(self.world.vocabulary.triple(i)) for i in self.attribute.tolist())
 
     def mask(self, i: int) -> BoolArray:
-        """The mask of detection `i`: (320, 480) bool, true where the object is seen.
+        """The mask of detection `i`: (height, width) bool, true where the object is seen.
 
         Raises:
             DataError: the proposals have no masks.
@@ -128,7 +139,9 @@ class VideoProposals(ArrayHolder):
             raise DataError("the proposals have no masks, only their numbers")
         from pycocotools import mask as rle
 
-        return np.asarray(rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": self.masks[i]}), np.bool_)
+        return np.asarray(
+            rle.decode({"size": [self.world.camera.height, self.world.camera.width], "counts": self.masks[i]}), np.bool_
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -167,20 +180,27 @@ class VideoTracks(Checked):
     Attributes:
         n_frames: number of frames of the video.
         tracks: one per object, in the order of object ids.
-        camera: the camera that took the video; the positions follow from it.
+        world: the world that the video is of; the positions follow from its camera.
         notes: what a user should know about the video and how it was tracked, one sentence each.
     """
 
     n_frames: PositiveCount
     tracks: tuple[Track, ...]
-    camera: Camera = CLEVRER_CAMERA
+    world: World = CLEVRER_WORLD
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_objects("VideoTracks", [t.object for t in self.tracks])
+        objects = [t.object for t in self.tracks]
+        check_objects("VideoTracks", objects)
+        check_words("VideoTracks", objects, self.world.vocabulary)
         for t in self.tracks:
             _check_frames(f"Track {t.object.id}.frame_index", t.frame_index, self.n_frames)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that took the video."""
+        return self.world.camera
 
     @property
     def centroid_px(self) -> FloatArray:

@@ -84,7 +84,7 @@ def judged_video(pipeline: Pipeline, row: Mapping[str, Any]) -> JudgedVideo:
     if not judgement.violations:
         return JudgedVideo(path, judgement)
     frames = np.stack(list(pipeline.frames(path, beyond_cuts=True, note=unsaid)))  # the judgement has the notes
-    tracks = track(pipeline.proposals(path)[0], pipeline.tracker, pipeline.camera)
+    tracks = track(pipeline.proposals(path)[0], pipeline.tracker)
     name = f"video-{fingerprint(inputs=[path])}"
     player = f"<div id={name}>{_player(frames)}</div>"
     return JudgedVideo(path, judgement, player + judgement_html(judgement, tracks, frames, f"#{name} video"))

@@ -179,6 +179,16 @@ class Vocabulary(Checked):
         }
         return named | dict.fromkeys(OBJECT_NOUNS, ("", "N")) | dict.fromkeys(OBJECTS_NOUNS, ("", "NS"))
 
+    @cached_property
+    def triples(self) -> tuple[tuple[str, str, str], ...]:
+        """The words of each attribute index."""
+        return tuple(self.triple(i) for i in range(self.n_triples))
+
+    @property
+    def example(self) -> str:
+        """Words of an object, for messages: "red metal cube" in CLEVRER."""
+        return " ".join(self.triple(min(1, len(self.colors) - 1) * len(self.materials) * len(self.shapes)))
+
     @property
     def n_triples(self) -> int:
         """Number of attribute triples; CLEVRER has 48."""

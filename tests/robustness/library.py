@@ -12,6 +12,7 @@ from nsdr.cli.main import outcome_of
 from nsdr.dynamics import StoredExplanation, simulate
 from nsdr.dynamics.interventions import resolve
 from nsdr.types import Add, DynamicsPrediction, Freeze, Move, Remove, Rollout, SceneObject, SetMass, SetVelocity
+from nsdr.world.world import CLEVRER_WORLD
 from tests.robustness.agents import call_tool
 from tests.robustness.case import Case, raw, removed, replaced, text_writer
 from tests.robustness.data_sets import changed, data_set
@@ -58,7 +59,7 @@ def _simulate_nothing() -> Any:
 
 
 def _resolve(*changes: Any, from_frame: Any = 0) -> Any:
-    return resolve(changes, (RED_CUBE, *OTHERS), VISIBLE, from_frame)
+    return resolve(changes, (RED_CUBE, *OTHERS), VISIBLE, from_frame, CLEVRER_WORLD.vocabulary)
 
 
 def _narrated(**changes: Any) -> Any:

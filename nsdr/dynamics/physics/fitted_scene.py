@@ -73,7 +73,7 @@ class FittedScene(Explanation):
             np.log(fitted.bodies.mass),
             fitted.log_mass_covariance,
         )
-        super().__init__(states.objects, states.n_frames, states.camera, physics)
+        super().__init__(states.objects, states.n_frames, states.world, physics)
         self.states, self.smoothed, self.config = states, smoothed, config
         n = len(states.objects)
         # Smoothed stretches follow the tracks most closely; where there is none, the fitted run is used.

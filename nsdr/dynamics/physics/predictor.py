@@ -79,7 +79,7 @@ class PhysicsPredictor:
         if not states.objects:
             total = horizon_frame(states.n_frames) + 1
             nothing = Rollout(np.zeros((0, total, 2)), np.zeros((0, total), bool), (), np.zeros((0, 0)))
-            return StoredExplanation(DynamicsPrediction((), states.n_frames, nothing), states.camera)
+            return StoredExplanation(DynamicsPrediction((), states.n_frames, nothing, world=states.world))
         given = None if collisions is None else [(event, 1.0) for event in collisions]
         candidates = self.detector.collision_candidates(states) if given is None else given
         found = search_collisions(states, candidates, self.config)

@@ -24,7 +24,7 @@ class NetworkExplanation(Explanation):
         continued: Callable[[int], Rollout],
         without_each: Callable[[int], Sequence[Rollout]],
     ) -> None:
-        super().__init__(states.objects, states.n_frames, states.camera)
+        super().__init__(states.objects, states.n_frames, states.world)
         self._continued, self._without_each = continued, without_each
         self._removals: dict[int, Sequence[Rollout]] = {}
 
