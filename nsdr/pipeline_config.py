@@ -181,7 +181,12 @@ def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> t
     }
     if config.question_parser == NETWORK:
         taken["question_parser"] = folder_of_part(folder, "question_parser")
-    options = {"batch_size": config.batch_size, "stride": config.stride, "precision": config.precision}
+    options = {
+        "batch_size": config.batch_size,
+        "stride": config.stride,
+        "precision": config.precision,
+        "world": config.world,
+    }
     frame_parser = FrameParser.from_checkpoint(taken["frame_parser"], **options)
     backend = load_backend(config.dynamics, folder)
     lacking = [] if is_default(folder) else [part for part, found in taken.items() if found != folder]

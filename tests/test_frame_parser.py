@@ -24,11 +24,14 @@ from nsdr.tracking.localization import ground_location, outline
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.tracking.visibility import cut_sides, hidden_sides
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.vocabulary import attribute_index
+from nsdr.world.vocabulary import Color, Material, Shape, Vocabulary, attribute_index
+from nsdr.world.world import CLEVRER_WORLD, World
 
 TINY = FrameParserConfig(
     widths=(16, 16, 16, 32), blocks=1, fpn_channels=16, box_features=32, mask_channels=16, mask_layers=1
 )
+
+SIZES = {name: len(words) for name, words in CLEVRER_WORLD.vocabulary.words.items()}
 
 
 @pytest.fixture(scope="module")
@@ -64,8 +67,8 @@ def test_unknown_backbones_and_heads_are_rejected() -> None:
 def test_both_kinds_of_heads_give_probabilities_that_agree() -> None:
     torch.manual_seed(0)
     features = torch.rand(5, 16)
-    for predictor in (AttributePredictor(16), JointAttributePredictor(16)):
-        found = attribute_probabilities(predictor(features))
+    for predictor in (AttributePredictor(16, SIZES), JointAttributePredictor(16, SIZES)):
+        found = attribute_probabilities(predictor(features), SIZES)
         assert {name: tuple(p.shape) for name, p in found.items()} == {
             "color": (5, 8),
             "material": (5, 2),
@@ -282,8 +285,30 @@ class _Perfect(torch.nn.Module):
         target = next(self.targets)
         label = (target["color"] * 2 + target["material"]) * 3 + target["shape"]
         found = {"attribute": torch.nn.functional.one_hot(label, 48).float(), "labels": target["labels"]}
+        found |= {name: torch.nn.functional.one_hot(target[name], size).float() for name, size in SIZES.items()}
         scores = torch.ones(len(target["boxes"]))
         return [{"boxes": target["boxes"], "scores": scores, "masks": target["masks"][:, None].float(), **found}]
+
+
+def test_the_heads_have_the_words_of_a_world(tmp_path) -> None:
+    config = replace(TINY, colors=("orange",), materials=("wood", "steel", "glass"), shapes=("puck", "die"))
+    network = build_frame_parser(config)
+    features = torch.zeros(2, TINY.box_features)
+    assert {k: v.shape[1] for k, v in network.roi_heads.attribute_predictor(features).items()} == {
+        "color": 1,
+        "material": 3,
+        "shape": 2,
+    }
+    with pytest.raises(DataError, match="was trained on the color words orange; the world clevrer has gray, red"):
+        FrameParser(network)
+    words = Vocabulary(
+        (Color("orange", (255, 140, 0)),),
+        tuple(map(Material, config.materials)),
+        (Shape("puck", "cylinder"), Shape("die", "box")),
+    )
+    FrameParser(network, world=World("mine", words)).save_pretrained(tmp_path)
+    again = FrameParser.from_pretrained(tmp_path, device="cpu", world=World("mine", words))
+    assert again.parse(np.zeros((1, 320, 480, 3), np.uint8)).world.name == "mine"
 
 
 def test_scores_of_perfect_and_wrong_detections(tiny_frames) -> None:

@@ -19,6 +19,7 @@ from nsdr.clevrer.files.questions import read_questions
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import VARIABLE
 from nsdr.io.video import read_video, write_video
+from nsdr.world.world import CLEVRER_WORLD
 from tests.robustness import good
 
 RED, BLUE = (
@@ -153,7 +154,7 @@ def frame_line(**changes: Any) -> dict[str, Any]:
 def test_bad_frame_records(changes, message, tmp_path) -> None:
     path = tmp_path / "annotations_0.jsonl"
     path.write_text(json.dumps(frame_line()) + "\n")
-    assert [r["scene"] for r in read_frame_records(tmp_path)] == [1]
+    assert [r["scene"] for r in read_frame_records(tmp_path, CLEVRER_WORLD.vocabulary.words)] == [1]
     path.write_text(json.dumps(frame_line()) + "\n" + json.dumps(frame_line(**changes)) + "\n")
     with pytest.raises(DataError, match=rf"annotations_0\.jsonl, line 2.*{message}"):
-        list(read_frame_records(tmp_path))
+        list(read_frame_records(tmp_path, CLEVRER_WORLD.vocabulary.words))

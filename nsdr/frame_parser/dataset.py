@@ -1,6 +1,6 @@
 """Frames with masks and attributes, for training and evaluation of the frame parser."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,7 +20,7 @@ from nsdr.errors import DataError, machine_error
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import check_limit
 from nsdr.validation import Settings, Share, expect
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.world import CLEVRER_WORLD
 
 Target = dict[str, Tensor]
 """Target of one image, as `AttributeRoIHeads` describes it."""
@@ -103,16 +103,24 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         folder: folder with the annotations and `images/`.
         part: "train", "evaluation" (every 20th scene) or "all".
         augmentation: random changes; None leaves the images as they are.
+        words: of each attribute, in the order of their indices in targets.
 
     Raises:
         DataError: no annotations, an unknown attribute or a missing image; names it.
     """
 
-    def __init__(self, folder: str | Path, part: str = "train", augmentation: AugmentConfig | None = None) -> None:
+    def __init__(
+        self,
+        folder: str | Path,
+        part: str = "train",
+        augmentation: AugmentConfig | None = None,
+        words: Mapping[str, Sequence[str]] = CLEVRER_WORLD.vocabulary.words,
+    ) -> None:
         expect(part in ("train", "evaluation", "all"), "part", "train, evaluation or all", part)
         self.folder, self.augmentation = Path(folder), augmentation
         kept = {"train": (False,), "evaluation": (True,), "all": (False, True)}[part]
-        records = read_frame_records(self.folder)
+        self.words = words
+        records = read_frame_records(self.folder, words)
         self.records = [r for r in records if (r["scene"] % EVALUATION_EVERY == 0) in kept]
         if not self.records:
             raise DataError(f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl and images/")
@@ -134,7 +142,7 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
                 raise DataError(f"{path}: is {image.shape[:2]}, its masks are {masks.shape[1:]} (height, width)")
         if self.augmentation is not None:
             image, masks = augment(image, masks, self.augmentation, rng)
-        return image_tensor(image), _target(objects, masks)
+        return image_tensor(image), _target(objects, masks, self.words)
 
 
 def _read_image(path: Path) -> NDArray[np.uint8]:
@@ -152,12 +160,12 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
     return np.asarray(image, np.uint8)
 
 
-def _target(objects: list[dict[str, Any]], masks: NDArray[np.uint8]) -> Target:
+def _target(objects: list[dict[str, Any]], masks: NDArray[np.uint8], known: Mapping[str, Sequence[str]]) -> Target:
     boxes_xywh = np.array([cv2.boundingRect(mask) for mask in masks], np.float32).reshape(-1, 4)
     target = {
         "boxes": box_convert(torch.from_numpy(boxes_xywh), "xywh", "xyxy"),
         "labels": torch.ones(len(objects), dtype=torch.int64),
         "masks": torch.from_numpy(np.ascontiguousarray(masks)),
     }
-    words = {name: [known.index(o[name]) for o in objects] for name, known in ATTRIBUTES.items()}
+    words = {name: [of_one.index(o[name]) for o in objects] for name, of_one in known.items()}
     return target | {name: torch.tensor(indices, dtype=torch.int64) for name, indices in words.items()}

@@ -1,6 +1,6 @@
 """Annotations of frames in files: `annotations_*.jsonl`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -11,7 +11,7 @@ from nsdr.clevrer.files.schema import check_lines
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import parse_json_lines, read_bytes
 from nsdr.validation import Count, PositiveCount, convert, expect
-from nsdr.world.vocabulary import ColorWord, MaterialWord, ShapeWord
+from nsdr.world.vocabulary import Word
 
 
 class _Segmentation(msgspec.Struct):
@@ -20,9 +20,9 @@ class _Segmentation(msgspec.Struct):
 
 
 class _Object(msgspec.Struct):
-    color: ColorWord
-    material: MaterialWord
-    shape: ShapeWord
+    color: Word
+    material: Word
+    shape: Word
     segmentation: _Segmentation
 
 
@@ -44,7 +44,7 @@ class _Record(msgspec.Struct):
             check_mask(list(mask.size), mask.counts, *mask.size, place)
 
 
-def read_frame_records(folder: Path) -> Iterator[dict[str, Any]]:
+def read_frame_records(folder: Path, words: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Any]]:
     """Yield `{file_name, scene, objects: [{color, material, shape, segmentation (compressed COCO RLE)}]}` of every frame.
 
     Raises:
@@ -53,4 +53,8 @@ def read_frame_records(folder: Path) -> Iterator[dict[str, Any]]:
     for path in sorted(folder.glob("annotations_*.jsonl")):
         for number, record in parse_json_lines(read_bytes(path, kind="JSON Lines file"), str(path)):
             convert(record, _Record, f"{path}, line {number}: ")
+            for i, o in enumerate(record["objects"]):
+                for name, known in words.items():
+                    place = f"{path}, line {number}: objects[{i}].{name}"
+                    expect(o[name] in known, place, f"one of {', '.join(known)}", repr(o[name]))
             yield record

@@ -3,13 +3,14 @@
 import warnings
 from collections.abc import Iterable, Iterator
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torchvision.ops import box_iou
 
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
 from nsdr.tracking.tracker import PROPOSAL_SCORE
-from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
+from nsdr.world.vocabulary import NAMES
 
 Frame = tuple[Tensor, dict[str, Tensor]]
 """Image (3, H, W) and target, as in `FrameDataset`."""
@@ -32,7 +33,7 @@ def detection_scores(model: nn.Module, frames: Iterable[Frame]) -> dict[str, flo
         accuracies are means over matched detections.
     """
     detected = matched = exact = expected = 0
-    correct = dict.fromkeys(ATTRIBUTES, 0)
+    correct = dict.fromkeys(NAMES, 0)
     mask_iou = 0.0
     for detection, target in _detections(model, frames):
         kept = detection["scores"] > PROPOSAL_SCORE
@@ -49,8 +50,8 @@ def detection_scores(model: nn.Module, frames: Iterable[Frame]) -> dict[str, flo
                 continue
             detected += 1
             matched += 1
-            words = zip(ATTRIBUTES.items(), attributes_of(attribute), strict=True)
-            same = {name: word == known[int(target[name][best])] for (name, known), word in words}
+            words = np.unravel_index(attribute, [detection[name].shape[1] for name in NAMES])
+            same = {name: int(word) == int(target[name][best]) for name, word in zip(NAMES, words, strict=True)}
             exact += all(same.values())
             for name, value in same.items():
                 correct[name] += value

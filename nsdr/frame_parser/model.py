@@ -22,6 +22,8 @@ from nsdr.frame_parser.regions import ProposalNetwork, RegionPool
 from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads, JointAttributePredictor
 from nsdr.validation import Settings, Share, Size, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.vocabulary import MAX_WORDS, Word
+from nsdr.world.world import CLEVRER_WORLD
 
 CHANNEL_MULTIPLE = 16
 """Channels of the slim backbone and the pyramid are multiples of this: oneDNN's channels-last convolutions crash the process
@@ -54,6 +56,7 @@ MAX_DETECTIONS = 20
 """Largest number of detections in an image."""
 _BACKBONES = {"resnet18": [64, 128, 256, 512], "resnet50": [256, 512, 1024, 2048]}
 """torchvision's backbones: channels of the layers of stride 4, 8, 16 and 32 px."""
+Words = Annotated[tuple[Word, ...], Meta(min_length=1, max_length=MAX_WORDS)]
 PositiveShare = Annotated[float, Meta(gt=0, le=1)]
 
 
@@ -63,7 +66,8 @@ class FrameParserConfig(Settings):
 
     Attributes:
         backbone: "slim", or torchvision's "resnet18" or "resnet50" (paper); weights are random at first.
-        attributes: "three" heads for colour, material and shape, or "joint": one label for the 48 combinations (paper).
+        attributes: "three" heads for colour, material and shape, or "joint": one label for all combinations (paper).
+        colors, materials, shapes: the words, in the order of the heads' outputs.
         widths: channels of the slim backbone's four residual stages (strides 4, 8, 16 and 32 px); multiples of 16.
         blocks: residual blocks in each stage of the slim backbone.
         fpn_channels: channels of every pyramid level; a multiple of 16.
@@ -79,6 +83,9 @@ class FrameParserConfig(Settings):
 
     backbone: Annotated[str, one_of(("slim", *_BACKBONES))] = "slim"
     attributes: Literal["three", "joint"] = "three"
+    colors: Words = CLEVRER_WORLD.vocabulary.words["color"]
+    materials: Words = CLEVRER_WORLD.vocabulary.words["material"]
+    shapes: Words = CLEVRER_WORLD.vocabulary.words["shape"]
     widths: tuple[Size, Size, Size, Size] = (32, 64, 128, 192)
     blocks: Size = 2
     fpn_channels: Size = 64
@@ -96,6 +103,11 @@ class FrameParserConfig(Settings):
         for name, value in (("widths", self.widths), ("fpn_channels", (self.fpn_channels,))):
             if any(v % CHANNEL_MULTIPLE for v in value):
                 raise DataError(f"FrameParserConfig.{name}: expected multiples of {CHANNEL_MULTIPLE}, got {value}")
+
+    @property
+    def words(self) -> dict[str, tuple[str, ...]]:
+        """The words of each attribute."""
+        return {"color": self.colors, "material": self.materials, "shape": self.shapes}
 
 
 class SlimBackbone(nn.Module):
@@ -210,8 +222,9 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
         post_nms_top_n={"training": c.train_proposals, "testing": c.proposals},
         nms_thresh=RPN_NMS_IOU,
     )
+    predictor = AttributePredictor if c.attributes == "three" else JointAttributePredictor
     model.roi_heads = AttributeRoIHeads(
-        AttributePredictor(c.box_features) if c.attributes == "three" else JointAttributePredictor(c.box_features),
+        predictor(c.box_features, {name: len(words) for name, words in c.words.items()}),
         fg_iou_thresh=ROI_MATCH_IOU,
         bg_iou_thresh=ROI_MATCH_IOU,
         batch_size_per_image=ROI_BATCH,

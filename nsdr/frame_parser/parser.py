@@ -25,6 +25,7 @@ from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads, resolve_precision
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.world import CLEVRER_WORLD, World
 
 if TYPE_CHECKING:
     from nsdr.io.images import VideoSource
@@ -47,20 +48,30 @@ class FrameParser(PretrainedPart[nn.Module]):
         precision: number format of the convolutions, "float32" or "bfloat16"; "auto" is bfloat16 where a CPU multiplies
             matrices of it (AMX), else float32. On CUDA, bfloat16 saves little and changes doubtful detections
             (`make gpu`).
+        world: what the videos are of; it has the words that the network was trained on.
 
     Raises:
-        DataError: `batch_size` or `stride` is less than 1, or `precision` is unknown.
+        DataError: `batch_size` or `stride` is less than 1, `precision` is unknown, or the network has other words.
     """
 
     part = "frame_parser"
     built_from = (FrameParserConfig, build_frame_parser)
 
-    def __init__(self, model: nn.Module, batch_size: int = 8, stride: int = 1, precision: str = "auto") -> None:
+    def __init__(
+        self,
+        model: nn.Module,
+        batch_size: int = 8,
+        stride: int = 1,
+        precision: str = "auto",
+        world: World = CLEVRER_WORLD,
+    ) -> None:
         if batch_size < 1 or stride < 1:
             raise DataError(f"batch_size {batch_size} and stride {stride}: expected at least 1")
         resolve_precision(precision, torch.device("cpu"))
         self.model = model.eval().to(memory_format=torch.channels_last)
-        self.batch_size, self.stride, self.precision = batch_size, stride, precision
+        self.batch_size, self.stride, self.precision, self.world = batch_size, stride, precision, world
+        if isinstance(model, FrameParserNetwork):
+            _check_words(model.config, world)
         self._prepared: tuple[Any, Detector] | None = None
 
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
@@ -118,7 +129,9 @@ class FrameParser(PretrainedPart[nn.Module]):
         runs = ObjectRuns(mask, start, stop)
         masks = encoded_runs(runs, len(score), HEIGHT_PX, WIDTH_PX)
         frame_index = np.array(processed, np.int64)[place.astype(np.int64)]
-        parsed = proposals_from_runs(n_frames, frame_index, attribute.astype(np.int64), score, masks, runs, processed)
+        parsed = proposals_from_runs(
+            n_frames, frame_index, attribute.astype(np.int64), score, masks, runs, processed, self.world
+        )
         return replace(parsed, notes=tuple(notes))
 
     def _detector(self) -> "Detector":
@@ -131,6 +144,16 @@ class FrameParser(PretrainedPart[nn.Module]):
         if self._prepared is None or self._prepared[0] != state:
             self._prepared = (state, Detector(self.model, precision))
         return self._prepared[1]
+
+
+def _check_words(config: FrameParserConfig, world: World) -> None:
+    """Raise `DataError` unless the network was trained on the words of the world; names those that differ."""
+    for (name, known), words in zip(config.words.items(), world.vocabulary.words.values(), strict=True):
+        if words != known:
+            raise DataError(
+                f"the frame parser was trained on the {name} words {', '.join(known)}; the world {world.name} has "
+                f"{', '.join(words)}: give the weights of this world, or train them (`nsdr train frame-parser`)"
+            )
 
 
 def _batches(

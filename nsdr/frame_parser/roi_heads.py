@@ -1,5 +1,7 @@
 """torchvision's RoI heads with three attribute classifiers beside the box predictor."""
 
+import math
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -8,7 +10,6 @@ from torch.nn import functional as F
 from torchvision.models.detection.roi_heads import RoIHeads, fastrcnn_loss, maskrcnn_loss
 
 from nsdr.frame_parser.regions import best_of_images, by_image, clipped, has_sides, images_of
-from nsdr.world.vocabulary import ATTRIBUTES, MATERIALS, N_ATTRIBUTE_TRIPLES, SHAPES
 
 MASK_THRESHOLD = 0.5
 """Mask probability above which a pixel belongs to the object (0-1)."""
@@ -17,37 +18,49 @@ MIN_BOX_SIDE_PX = 1.0
 
 
 class AttributePredictor(nn.Module):
-    """Linear classifiers of colour, material and shape on the box head's features."""
+    """Linear classifiers of colour, material and shape on the box head's features.
 
-    def __init__(self, in_features: int) -> None:
+    Args:
+        in_features: number of features.
+        sizes: number of words of each attribute.
+    """
+
+    def __init__(self, in_features: int, sizes: Mapping[str, int]) -> None:
         super().__init__()
-        self.heads = nn.ModuleDict({name: nn.Linear(in_features, len(words)) for name, words in ATTRIBUTES.items()})
+        self.sizes = dict(sizes)
+        self.heads = nn.ModuleDict({name: nn.Linear(in_features, size) for name, size in sizes.items()})
 
     def forward(self, features: Tensor) -> dict[str, Tensor]:
-        """Box features (N, C) -> logits: color (N, 8), material (N, 2), shape (N, 3)."""
+        """Box features (N, C) -> logits of words: color (N, 8), material (N, 2) and shape (N, 3) in CLEVRER."""
         return {name: head(features) for name, head in self.heads.items()}
 
 
 class JointAttributePredictor(nn.Module):
-    """One linear classifier of the 48 attribute combinations, as in the paper; in the order of `attribute_index`."""
+    """One linear classifier of all attribute combinations, as in the paper; in the order of `Vocabulary.index`.
 
-    def __init__(self, in_features: int) -> None:
+    Args:
+        in_features: number of features.
+        sizes: number of words of each attribute.
+    """
+
+    def __init__(self, in_features: int, sizes: Mapping[str, int]) -> None:
         super().__init__()
-        self.head = nn.Linear(in_features, N_ATTRIBUTE_TRIPLES)
+        self.sizes = dict(sizes)
+        self.head = nn.Linear(in_features, math.prod(sizes.values()))
 
     def forward(self, features: Tensor) -> dict[str, Tensor]:
-        """Box features (N, C) -> logits of the combinations: attribute (N, 48)."""
+        """Box features (N, C) -> logits of the combinations: attribute (N, 48) in CLEVRER."""
         return {"attribute": self.head(features)}
 
 
-def attribute_probabilities(logits: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Probabilities from either predictor's logits: `attribute` (N, 48), `color` (N, 8), `material` (N, 2), `shape` (N, 3).
+def attribute_probabilities(logits: dict[str, Tensor], sizes: Mapping[str, int]) -> dict[str, Tensor]:
+    """Probabilities from either predictor's logits: `color`, `material` and `shape` (N, words), and `attribute` (N, triples).
 
     With three heads, the probability of a combination is the product of its words' probabilities. With joint labels, the
     probability of a word is the sum over the combinations that contain it.
     """
     if "attribute" in logits:
-        table = logits["attribute"].softmax(-1).unflatten(-1, tuple(len(words) for words in ATTRIBUTES.values()))
+        table = logits["attribute"].softmax(-1).unflatten(-1, tuple(sizes.values()))
         words = {"color": table.sum((-1, -2)), "material": table.sum((-1, -3)), "shape": table.sum((-2, -3))}
     else:
         words = {name: logit.softmax(-1) for name, logit in logits.items()}
@@ -59,11 +72,10 @@ class AttributeRoIHeads(RoIHeads):
     """Second stage of Mask R-CNN with attribute heads, for the single class "object".
 
     Targets hold `boxes` (N, 4) xyxy in pixels, `labels` (N,) all 1, `masks` (N, H, W) uint8, and `color`, `material` and
-    `shape` (N,) int64 indices in the order of `nsdr.world.vocabulary`.
+    `shape` (N,) int64 indices of the words.
 
     Detections hold `boxes` (N, 4) xyxy in pixels, `scores` (N,), `labels` (N,) all 1, `masks` (N, 1, 28, 28) probabilities in
-    the boxes (`MaskRCNN` pastes them to (N, 1, H, W)), `color` (N, 8), `material` (N, 2), `shape` (N, 3) and `attribute`
-    (N, 48) probabilities.
+    the boxes (`MaskRCNN` pastes them to (N, 1, H, W)), and the probabilities of `attribute_probabilities`.
 
     Differs from the paper: three heads by default; `JointAttributePredictor` has the paper's single label.
 
@@ -72,7 +84,7 @@ class AttributeRoIHeads(RoIHeads):
         options: arguments of torchvision's `RoIHeads`.
     """
 
-    def __init__(self, attribute_predictor: nn.Module, **options: Any) -> None:
+    def __init__(self, attribute_predictor: AttributePredictor | JointAttributePredictor, **options: Any) -> None:
         super().__init__(**options)
         self.attribute_predictor = attribute_predictor
 
@@ -93,8 +105,8 @@ class AttributeRoIHeads(RoIHeads):
 
         positive = [label > 0 for label in labels]
         logits = self.attribute_predictor(box_features[torch.cat(positive)])
-        words = [[target[name] for name in ATTRIBUTES] for target in targets]
-        combined = [(color * len(MATERIALS) + material) * len(SHAPES) + shape for color, material, shape in words]
+        _, materials, shapes = self.attribute_predictor.sizes.values()
+        combined = [(t["color"] * materials + t["material"]) * shapes + t["shape"] for t in targets]
         for name, logit in logits.items():
             # A frame without objects has no positives, so that its `matched` indices are never used.
             true = combined if name == "attribute" else [target[name] for target in targets]
@@ -136,4 +148,6 @@ class AttributeRoIHeads(RoIHeads):
         mask_logits = self.mask_predictor(self.mask_head(self.mask_roi_pool(features, of_images, image_shapes)))
         found = {"image": image, "boxes": boxes, "scores": scores[kept], "labels": torch.ones_like(kept)}
         found["masks"] = mask_logits[:, 1:].sigmoid()
-        return found | attribute_probabilities(self.attribute_predictor(box_features[kept]))
+        return found | attribute_probabilities(
+            self.attribute_predictor(box_features[kept]), self.attribute_predictor.sizes
+        )

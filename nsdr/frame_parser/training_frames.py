@@ -16,8 +16,6 @@ from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import read_frames
 from nsdr.tracking.tracker import PROPOSAL_SCORE
 from nsdr.types import VideoProposals
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.vocabulary import ATTRIBUTES, attributes_of
 
 VERSION = 1
 """Version of the frames that are written. It is raised when they change."""
@@ -79,5 +77,6 @@ def _write_video_frames(every: int, item: tuple[int, Path, Path], lines: Path) -
 def _object(proposals: VideoProposals, row: int) -> dict[str, Any]:
     """An object of a frame, as in the annotations of `FrameDataset`."""
     assert proposals.masks is not None  # JSON files have them
-    words = dict(zip(ATTRIBUTES, attributes_of(int(proposals.attribute[row])), strict=True))
-    return {**words, "segmentation": {"size": [HEIGHT_PX, WIDTH_PX], "counts": proposals.masks[row]}}
+    vocabulary, camera = proposals.world.vocabulary, proposals.world.camera
+    words = dict(zip(vocabulary.words, vocabulary.triple(int(proposals.attribute[row])), strict=True))
+    return {**words, "segmentation": {"size": [camera.height, camera.width], "counts": proposals.masks[row]}}

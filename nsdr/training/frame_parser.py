@@ -74,8 +74,8 @@ class FrameParserTask(Task):
         self.model: nn.Module = network.to(memory_format=torch.channels_last)
         if config.initial:
             start_from(self.model, config.initial, "frame_parser")
-        self.training_frames = FrameDataset(config.frames, "train", config.augmentation)
-        self.evaluation_frames = FrameDataset(config.frames, "evaluation")
+        self.training_frames = FrameDataset(config.frames, "train", config.augmentation, config.model.words)
+        self.evaluation_frames = FrameDataset(config.frames, "evaluation", words=config.model.words)
 
     def draw(self, count: int, rng: np.random.Generator, step: int) -> list[tuple[int, int]]:
         """The index of each example's frame, and the seed of its augmentation."""

@@ -11,6 +11,8 @@ from msgspec import Meta
 from nsdr.errors import DataError
 from nsdr.validation import Checked, Share, one_of
 
+NAMES = ("color", "material", "shape")
+"""What the words say of an object."""
 MAX_WORDS = 20
 """Most words of each kind."""
 Word = Annotated[str, Meta(pattern="^[a-z]{2,20}$")]
@@ -154,11 +156,8 @@ class Vocabulary(Checked):
     @cached_property
     def words(self) -> dict[str, tuple[str, ...]]:
         """The words of each attribute, without synonyms."""
-        return {
-            "color": tuple(color.word for color in self.colors),
-            "material": tuple(material.word for material in self.materials),
-            "shape": tuple(shape.word for shape in self.shapes),
-        }
+        kinds: tuple[tuple[Color | Material | Shape, ...], ...] = (self.colors, self.materials, self.shapes)
+        return {name: tuple(entry.word for entry in kind) for name, kind in zip(NAMES, kinds, strict=True)}
 
     @cached_property
     def adjectives(self) -> dict[str, str]:

@@ -32,6 +32,7 @@ from nsdr.world.vocabulary import (
     attribute_index,
     attributes_of,
 )
+from nsdr.world.world import CLEVRER_WORLD, World
 
 __all__ = [
     "find_proposals",
@@ -191,6 +192,7 @@ def proposals_from_runs(
     masks: Sequence[str],
     runs: ObjectRuns,
     processed: Sequence[int] | None = None,
+    world: World = CLEVRER_WORLD,
 ) -> VideoProposals:
     """Make proposals from N masks and their runs; those with empty masks are dropped.
 
@@ -202,6 +204,7 @@ def proposals_from_runs(
         masks: N COCO run-length strings.
         runs: the runs of the same masks.
         processed: ascending frames that were processed; None for all.
+        world: the world that the video is of.
     """
     seen = np.unique(runs.mask)
     numbers = numbers_of_runs(runs._replace(mask=np.searchsorted(seen, runs.mask)), HEIGHT_PX)
@@ -213,6 +216,7 @@ def proposals_from_runs(
         *numbers,
         tuple(masks[i] for i in seen),
         None if processed is None or len(processed) == n_frames else np.array(processed, np.int64),
+        world=world,
     )
 
 
