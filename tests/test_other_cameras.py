@@ -71,6 +71,81 @@ def test_a_camera_sees_its_target_in_the_middle_and_upright() -> None:
     np.testing.assert_allclose(OTHER.ground(OTHER.pixels([1.0, -0.7, 0.2])), [1.0, -0.7], atol=1e-9)
 
 
+MARKS = np.array([(x, y) for x in (1.5, 0.0, -1.5) for y in (-1.5, 0.0, 1.5)])
+"""Places of marks on the ground."""
+
+
+def clicked(camera: Camera, places: np.ndarray = MARKS) -> np.ndarray:
+    """Where a camera sees marks on the ground, which are lower than centres of objects."""
+    return camera.pixels(np.c_[places, np.zeros(len(places))])
+
+
+@pytest.mark.parametrize("camera", [CLEVRER_CAMERA, OTHER, Camera((-2.0, -5.0, 1.5), (0.0, 0.3, 0.0), 50.0)])
+def test_a_camera_is_found_from_points(camera: Camera) -> None:
+    """Also from four corners, from places of any height, and in an image of another size."""
+    high = np.array([[0.0, 0.0, 0.4], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.3], [0.0, -1.0, 0.0]])
+    for pixels, places in ((clicked(camera), MARKS), (camera.pixels(high), high)):
+        for scale in (1, 4):
+            found, residual_px = Camera.from_points(scale * pixels, places, (480 * scale, 320 * scale))
+            assert residual_px < 1e-6
+            np.testing.assert_allclose(found.matrix, camera.matrix, rtol=1e-6, atol=1e-6)
+    corners = MARKS[[0, 2, 6, 8]]
+    noise = np.random.default_rng(0).normal(size=(4, 2))
+    found, residual_px = Camera.from_points(clicked(camera, corners) + noise, corners)
+    assert residual_px < 2
+    places = np.array([[0.5, 0.5], [0.0, -0.7]])
+    np.testing.assert_allclose(found.ground(camera.pixels(places)), places, atol=0.06)
+
+
+def test_the_residual_is_the_distance_of_the_points_from_where_the_camera_sees_them() -> None:
+    pixels = clicked(OTHER) + np.random.default_rng(1).normal(size=(9, 2))
+    found, residual_px = Camera.from_points(pixels, MARKS)
+    off = np.linalg.norm(clicked(found) - pixels, axis=1)
+    assert residual_px == pytest.approx(np.sqrt((off**2).mean()))
+
+
+LINE = np.array([(0.0, y) for y in (-1.5, -0.5, 0.5, 1.5)])
+
+
+@pytest.mark.parametrize(
+    ("pixels", "places", "said"),
+    [
+        (clicked(OTHER)[:3], MARKS[:3], "expected 4 or more"),
+        (clicked(OTHER)[[0, 0, 1, 2]], MARKS[[0, 0, 1, 2]], "4 or more different points, got 3"),
+        (clicked(OTHER), MARKS[:4], "one world point for each pixel, got 9 and 4"),
+        (clicked(OTHER)[:, :1], MARKS, r"pixels \(N, 2\)"),
+        (clicked(OTHER) * np.nan, MARKS, "finite"),
+        (clicked(CLEVRER_CAMERA, LINE), LINE, "not on one line"),
+        (clicked(OTHER, LINE), LINE, "not on one line"),
+        (clicked(OTHER, 0.2 * MARKS[[0, 2, 6, 8]]), 0.2 * MARKS[[0, 2, 6, 8]], "further apart"),
+        (clicked(OTHER), MARKS[:, ::-1], "x towards the camera, y to the right"),
+        (clicked(OTHER)[[1, 0, *range(2, 9)]], MARKS, "at point [01]. Was it exchanged"),
+    ],
+)
+def test_points_that_determine_no_camera_are_refused(pixels: np.ndarray, places: np.ndarray, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        Camera.from_points(pixels, places)
+
+
+def test_a_rolled_camera_is_refused_with_its_roll() -> None:
+    a = np.radians(6)
+    turned = (clicked(OTHER) - [240, 160]) @ [[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]] + [240, 160]
+    with pytest.raises(ValueError, match=r"rolled \(by about [56] degrees"):
+        Camera.from_points(turned, MARKS)
+
+
+def test_an_image_of_another_aspect_ratio_is_refused_with_the_part_to_crop() -> None:
+    """The cropped points give the camera."""
+    wide = 4 * clicked(OTHER) + [(1920 * 1280 / 1080 - 1920) / 2, 0]
+    with pytest.raises(ValueError, match="columns 150:1770, and subtract 150"):
+        Camera.from_points(wide, MARKS, (1920, 1080))
+    pixels = clicked(OTHER) * 1080 / 320 + [150, 0]
+    found, _ = Camera.from_points(pixels - [150, 0], MARKS, (1620, 1080))
+    np.testing.assert_allclose(found.matrix, OTHER.matrix, rtol=1e-6, atol=1e-6)
+    with pytest.raises(ValueError, match="rows 600:1320"):
+        Camera.from_points(wide, MARKS, (1080, 1920))
+
+
 LEVEL = Camera(eye_world=(6.0, 0.0, 1.0), target_world=(0.0, 0.0, 0.5))
 """The horizon lies in its image."""
 

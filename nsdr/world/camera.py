@@ -5,6 +5,7 @@ World: z up, x towards the camera, y to the right of the image; object centres a
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -23,6 +24,18 @@ MIN_HEIGHT_WORLD, MIN_ASIDE_WORLD = 0.5, 0.1
 (world units)."""
 FAR_WORLD = 2 * GROUND_HALF_WIDTH_WORLD
 """The ground is looked at up to this depth: beyond, on the way to the horizon, there are no objects (world units)."""
+MIN_POINTS = 4
+"""Least number of points from which a camera is found."""
+MAX_RESIDUAL_PX = 4.0
+"""Largest residual of a camera that is found from points (pixels). Points clicked with 1 pixel of noise leave 1.4 at most on
+average, wherever they are."""
+MAX_ERROR_WORLD = 0.1
+"""Largest error that 1 pixel of noise in the points may cause in positions, by the median over the image (world units): a
+quarter of an object's width. A sheet of 0.8 by 1.1 in the middle of the image leaves 0.06, marks 3 apart 0.012."""
+DERIVATIVE_STEP, TINY = 1e-5, 1e-9
+"""Step of numerical derivatives (world units, radians), and smallest number that is divided by."""
+START_LENSES_MM = (12.0, 18.0, 24.0, 35.0, 50.0, 70.0, 100.0)
+"""Focal lengths from which a camera is looked for."""
 _GRID_PER_PIXEL = 1 / 3.2
 """Grid units per pixel: 320x480 pixels are 100x150 grid units."""
 
@@ -70,6 +83,61 @@ class Camera:
                 f"camera: eye_world {self.eye_world}, target_world {self.target_world}: looks above the ground; expected a "
                 f"target whose surroundings on the ground, up to {FAR_WORLD:g} away, are in the image"
             )
+
+    @classmethod
+    def from_points(
+        cls, pixels: ArrayLike, world_points: ArrayLike, size_px: tuple[int, int] = (WIDTH_PX, HEIGHT_PX)
+    ) -> tuple["Camera", float]:
+        """Find the camera that took an image from points whose places are known, such as marks on a table.
+
+            >>> corners = [(1, -1), (1, 1), (-1, 1), (-1, -1)]
+            >>> camera, residual_px = nsdr.Camera.from_points([(113, 224), (367, 224), (329, 115), (151, 115)], corners)
+
+        OpenCV's `solvePnP` gives cameras for several focal lengths. The best of them is the start of a least-squares fit of
+        the position, direction and focal length of an upright camera.
+
+        Args:
+            pixels: (N, 2) where the points are seen, as (column, row); there are four or more.
+            world_points: (N, 2) the same points on the ground as (x, y), at z = 0; or (N, 3) as (x, y, z) (world units).
+            size_px: width and height of the image in which the points were seen, in the ratio 3:2.
+
+        Returns:
+            The camera, for images scaled to 480x320, and the residual: the root mean squared distance between the points and
+            where the camera sees them (pixels of 480x320).
+
+        Raises:
+            ValueError: there are too few points, they determine no camera, such as points on one line, no upright camera sees
+                them there, or the image has another aspect ratio.
+        """
+        from scipy.optimize import least_squares
+
+        seen, places = _checked_points(pixels, world_points)
+        seen = seen * release_scale(*size_px)
+        starts = list(_rolled_cameras(seen, places))
+        if not starts:
+            raise ValueError(
+                "points: no camera above the ground sees them there; give points that are not on one line, each with its own "
+                "place (x towards the camera, y to the right of the image)"
+            )
+        start, roll_degrees = min(starts, key=lambda s: float(np.abs(_projected(s[0], places) - seen).mean()))
+        found = least_squares(lambda p: (_projected(p, places) - seen).ravel(), start, x_scale="jac")
+        off = np.hypot(*found.fun.reshape(-1, 2).T)
+        residual = float(np.sqrt((off**2).mean()))
+        if residual > MAX_RESIDUAL_PX:
+            worst = int(off.argmax())
+            raise ValueError(
+                f"points: no upright camera sees them there: they are {residual:.1f} pixels of 480x320 off (at most "
+                f"{MAX_RESIDUAL_PX:g}), the most, {off[worst]:.1f}, at point {worst}. Was it exchanged with another, does the "
+                f"lens distort, or is the camera rolled (by about {abs(roll_degrees):.0f} degrees; turn frames, masks and "
+                "points upright)?"
+            )
+        error = _expected_error(found.x, found.jac)
+        if not error <= MAX_ERROR_WORLD:
+            raise ValueError(
+                f"points: they do not determine the camera: clicked 1 pixel off, they would put objects {error:.2g} world "
+                f"units off (at most {MAX_ERROR_WORLD:g}); give points that are further apart, and not on one line"
+            )
+        return _camera_of(found.x), residual
 
     @cached_property
     def axes(self) -> FloatArray:
@@ -149,6 +217,111 @@ def check_release_size(camera: Camera) -> None:
     """Raise `ValueError` unless a camera's images have the size of the released ones, to which all videos are scaled."""
     if (camera.width, camera.height) != (WIDTH_PX, HEIGHT_PX):
         raise ValueError(f"camera: expected images of {WIDTH_PX}x{HEIGHT_PX}, got {camera.width}x{camera.height}")
+
+
+def release_scale(width: int, height: int) -> FloatArray:
+    """What columns and rows of an image are multiplied with (2,) when it is scaled to 480x320.
+
+    Raises:
+        ValueError: the image has another aspect ratio; says how to crop it.
+    """
+    if width <= 0 or height <= 0:
+        raise ValueError(f"image: expected a width and height above 0, got {width}x{height}")
+    if abs(height * WIDTH_PX / width - HEIGHT_PX) > 1:
+        wide = width * HEIGHT_PX > height * WIDTH_PX
+        kept = round(height * WIDTH_PX / HEIGHT_PX) if wide else round(width * HEIGHT_PX / WIDTH_PX)
+        first = ((width if wide else height) - kept) // 2
+        part, axis = f"{first}:{first + kept}", "columns" if wide else "rows"
+        raise ValueError(
+            f"image: expected the aspect ratio 3:2, got {width}x{height}; crop frames and masks to the {axis} {part}, and "
+            f"subtract {first} from the {axis} of clicked points"
+        )
+    return np.array([WIDTH_PX / width, HEIGHT_PX / height])
+
+
+def _checked_points(pixels: ArrayLike, world_points: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Pixels (N, 2) and places (N, 3) of four or more different points."""
+    seen, places = np.asarray(pixels, float), np.asarray(world_points, float)
+    if seen.ndim != 2 or seen.shape[1] != 2 or places.ndim != 2 or places.shape[1] not in (2, 3):
+        shapes = f"{seen.shape} and {places.shape}"
+        raise ValueError(f"points: expected pixels (N, 2) and world points (N, 2) or (N, 3), got arrays {shapes}")
+    if len(seen) != len(places):
+        raise ValueError(f"points: expected one world point for each pixel, got {len(seen)} and {len(places)}")
+    if not (np.isfinite(seen).all() and np.isfinite(places).all()):
+        raise ValueError("points: expected finite numbers")
+    different = min(len(np.unique(p, axis=0)) for p in (seen, places))
+    if different < MIN_POINTS:
+        raise ValueError(f"points: expected {MIN_POINTS} or more different points, got {different}")
+    return seen, np.c_[places, np.zeros((len(places), 3 - places.shape[1]))]
+
+
+def _rolled_cameras(seen: FloatArray, places: FloatArray) -> Iterator[tuple[FloatArray, float]]:
+    """Cameras above the ground that see points (N, 3) near their pixels (N, 2).
+
+    Yields:
+        Parameters (6,), see `_projected`, and the roll (degrees), which they leave out.
+    """
+    import cv2
+
+    for lens_mm in START_LENSES_MM:
+        focal = WIDTH_PX * lens_mm / SENSOR_MM
+        intrinsic = np.array([[focal, 0, WIDTH_PX / 2], [0, focal, HEIGHT_PX / 2], [0, 0, 1]])
+        try:
+            _, turns, shifts, _ = cv2.solvePnPGeneric(places, seen, intrinsic, None, flags=cv2.SOLVEPNP_SQPNP)
+        except cv2.error:  # the points are on one line
+            return
+        for turn, shift in zip(turns, shifts, strict=True):
+            right, down, forward = axes = cv2.Rodrigues(turn)[0]
+            eye = -axes.T @ shift.ravel()
+            if eye[2] > 0:
+                azimuth, tilt = math.atan2(forward[1], forward[0]), math.asin(np.clip(forward[2], -1, 1))
+                yield np.array([*eye, azimuth, tilt, math.log(focal)]), math.degrees(math.atan2(right[2], -down[2]))
+
+
+def _camera_of(parameters: FloatArray) -> Camera:
+    """The camera with parameters (6,), see `_projected`; it looks at the ground, or at a point `FAR_WORLD` away."""
+    *eye, azimuth, tilt, log_focal = parameters.tolist()
+    away = min(eye[2] / max(-math.sin(tilt), TINY), FAR_WORLD)
+    x, y, z = (place + away * along for place, along in zip(eye, _forward(azimuth, tilt), strict=True))
+    return Camera((eye[0], eye[1], eye[2]), (x, y, z), math.exp(log_focal) * SENSOR_MM / WIDTH_PX)
+
+
+def _forward(azimuth: float, tilt: float) -> tuple[float, float, float]:
+    return math.cos(tilt) * math.cos(azimuth), math.cos(tilt) * math.sin(azimuth), math.sin(tilt)
+
+
+def _projected(parameters: FloatArray, places: FloatArray) -> FloatArray:
+    """Pixels (N, 2) of points (N, 3) in the image of an upright camera.
+
+    Its parameters (6,) are its position (x, y, z), the direction in which it looks as azimuth and tilt upwards (radians), and
+    the logarithm of its focal length (pixels). Any values will do, unlike those of a `Camera`.
+    """
+    azimuth, tilt, log_focal = parameters[3:].tolist()
+    forward = np.array(_forward(azimuth, tilt))
+    right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
+    x, y, depth = np.stack([right, np.cross(forward, right), forward]) @ (places - parameters[:3]).T
+    return np.stack(
+        [WIDTH_PX / 2 + math.exp(log_focal) * x / depth, HEIGHT_PX / 2 + math.exp(log_focal) * y / depth], 1
+    )
+
+
+def _expected_error(parameters: FloatArray, jacobian: FloatArray) -> float:
+    """Error of positions of objects if the points have 1 pixel of noise, by the median over the image (world units).
+
+    Args:
+        parameters: (6,) of the camera.
+        jacobian: (2 N, 6) derivatives of the points' pixels.
+    """
+    columns, rows = np.meshgrid(np.array([1, 2, 3]) * WIDTH_PX / 4, np.array([1, 2, 3]) * HEIGHT_PX / 4)
+    pixels = np.stack([columns.ravel(), rows.ravel()], 1)
+    steps = DERIVATIVE_STEP * np.eye(len(parameters))
+    sides = [[_camera_of(parameters + side * step).ground(pixels) for side in (-1, 1)] for step in steps]
+    moved = np.stack([(high - low) / (2 * DERIVATIVE_STEP) for low, high in sides], 2)  # (9, 2, 6)
+    _, sizes, directions = np.linalg.svd(jacobian, full_matrices=False)
+    noise = directions.T / np.maximum(sizes, TINY)
+    variance = ((moved @ noise) ** 2).sum((1, 2))
+    seen = np.isfinite(variance)
+    return float(np.sqrt(np.median(variance[seen]))) if seen.any() else math.inf
 
 
 def on_ground(location_world: ArrayLike) -> FloatArray:
