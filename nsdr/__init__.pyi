@@ -33,6 +33,7 @@ from .pipeline_config import PipelineConfig as PipelineConfig
 from .question_parser.grammar import GrammarParser as GrammarParser
 from .question_parser.network import QuestionParser as QuestionParser
 from .symbolic import Executor as Executor, OfficialExecutor as OfficialExecutor, Program as Program
+from .tracking.masks import tracks_from_masks as tracks_from_masks
 from .tracking.tracker import track as track
 from .types import (
     Add as Add,

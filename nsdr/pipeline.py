@@ -265,8 +265,8 @@ class Pipeline:
             explanation = checked_result(found, Explanation, self.dynamics, "explain")  # type: ignore[type-abstract]
         scene = scene_from_prediction(explanation.prediction, probable)
         if tracks is not None:
-            unfit = (*speed_notes(tracks), *size_notes(tracks)) if self.video.check != "off" else ()
-            scene = replace(scene, notes=distinct(tracks.notes, unfit))
+            doubts = _doubts(tracks) if self.video.check != "off" else ()
+            scene = replace(scene, notes=distinct(tracks.notes, doubts))
         return Perception(proposals, tracks, explanation, scene)
 
     def simulate(
@@ -303,7 +303,12 @@ class Pipeline:
         found = simulate(seen.explanation, interventions, from_frame, frames)
         return replace(found, scene=replace(found.scene, notes=distinct(seen.scene.notes, found.notes)))
 
-    def judge(self, video: VideoSource | None = None, proposals: VideoProposals | None = None) -> Judgement:
+    def judge(
+        self,
+        video: VideoSource | None = None,
+        proposals: VideoProposals | None = None,
+        tracks: VideoTracks | None = None,
+    ) -> Judgement:
         """Judge which laws of CLEVRER's world a video breaks, which objects break them, and when.
 
         The tracks are explained by lawful motion (free sliding between contacts, with masses and restitutions in CLEVRER's
@@ -313,24 +318,30 @@ class Pipeline:
         Args:
             video: a video file.
             proposals: proposals in the frames of a video, in place of a file.
+            tracks: tracks of a video, in place of both, such as those of `nsdr.tracks_from_masks`. If objects seem too fast or
+                too large, a note says so.
 
         Raises:
             VideoError: as in `perceive`; or too few frames were processed, their spacing is too large, or no object is seen.
         """
+        if tracks is not None:
+            judgement = judge_tracks(tracks)
+            doubts = _doubts(tracks) if self.video.check != "off" else ()
+            return replace(judgement, notes=distinct(judgement.notes, doubts))
         if proposals is not None:
             return judge_proposals(self._of_this_world(proposals), self.tracker)
         if video is None:
-            raise VideoError("give a video or proposals")
+            raise VideoError("give a video, proposals or tracks")
         video = video_of(video)
         wrong = check_video(video, self.video).unfit
         if not wrong or self.video.check != "refuse":
             found, late = self.proposals(video)
-            tracks = track(found, self.tracker)
-            wrong += (*speed_notes(tracks), *size_notes(tracks))
+            seen = track(found, self.tracker)
+            wrong += _doubts(seen)
         if wrong and self.video.check == "refuse":
             raise VideoError(f"{video}: cannot be judged: {'; '.join(wrong)}. --force judges it all the same")
         try:
-            judgement = judge_tracks(tracks, found, late)
+            judgement = judge_tracks(seen, found, late)
         except VideoError as e:
             raise VideoError(f"{video}: {e}") from e
         if not judgement.objects:
@@ -417,6 +428,13 @@ class Pipeline:
         return executor.answer_choices(parsed, list(zip(texts, parsed_choices, strict=True)), question)
 
 
-def judge(video: VideoSource | None = None, proposals: VideoProposals | None = None) -> Judgement:
+def _doubts(tracks: VideoTracks) -> tuple[str, ...]:
+    """Notes on objects that seem too fast or of the wrong size."""
+    return (*speed_notes(tracks), *size_notes(tracks))
+
+
+def judge(
+    video: VideoSource | None = None, proposals: VideoProposals | None = None, tracks: VideoTracks | None = None
+) -> Judgement:
     """`Pipeline.judge` of the shipped pipeline, which is loaded for it. For many videos, load one pipeline."""
-    return Pipeline.from_pretrained().judge(video, proposals)
+    return Pipeline.from_pretrained().judge(video, proposals, tracks)

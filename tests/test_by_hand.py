@@ -200,7 +200,7 @@ def test_a_scene_by_hand_may_know_more() -> None:
 @pytest.mark.parametrize(
     ("objects", "events", "reason"),
     [
-        (["red cube"], [], r"object: expected one color \(gray, red, .* such as 'red metal cube', got 'red cube'"),
+        (["red cube"], [], r"object 0: expected one color \(gray, red, .* such as 'red metal cube', got 'red cube'"),
         (["orange metal cube"], [], "one color .*, yellow.* and one material .*got 'orange metal cube'"),
         (["red blue cube"], [], "expected one color"),
         (["red metal cube", "red metal cube"], [], "unique attribute triples"),

@@ -11,6 +11,7 @@ from nsdr.laws.motion import Evidence, cut_motion, strongest
 from nsdr.laws.presence import other_words, presence, renamed
 from nsdr.laws.timing import Timing
 from nsdr.types import VideoProposals, VideoTracks
+from nsdr.validation import IntArray
 
 
 def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) -> list[Evidence]:
@@ -27,9 +28,7 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
     if not tracks.tracks:
         return []
     states = states_from_tracks(tracks)
-    processed = np.ones(tracks.n_frames, bool)
-    if proposals is not None and proposals.processed is not None:
-        processed = np.isin(np.arange(tracks.n_frames), proposals.processed)
+    processed = np.isin(np.arange(tracks.n_frames), processed_frames(tracks, proposals))
     forwards = cut_motion(states)
     motion, found = list(forwards.motion()), presence(forwards, processed)
     if proposals is not None:
@@ -42,6 +41,18 @@ def evidence_of(tracks: VideoTracks, proposals: VideoProposals | None = None) ->
         every = tuple(range(len(states.objects)))
         motion = [Evidence("arrow", every, 0, tracks.n_frames, gain, "nats", gain)]
     return strongest([*motion, *found])
+
+
+def processed_frames(tracks: VideoTracks, proposals: VideoProposals | None = None) -> IntArray:
+    """The (P,) frames in which objects were looked for.
+
+    Tracks alone do not say which. All frames are assumed, or, if detections are further apart than one frame, those with a
+    detection of any object.
+    """
+    if proposals is not None:
+        return np.arange(proposals.n_frames) if proposals.processed is None else proposals.processed
+    seen = np.unique(np.concatenate([np.zeros(0, int), *(t.frame_index for t in tracks.tracks)]))
+    return seen if len(seen) > 1 and np.median(np.diff(seen)) > 1 else np.arange(tracks.n_frames)
 
 
 def evidence_in_time(tracks: VideoTracks, timing: Timing, proposals: VideoProposals | None = None) -> list[Evidence]:

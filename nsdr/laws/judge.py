@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from nsdr.errors import VideoError
-from nsdr.laws.evidence import evidence_in_time
+from nsdr.laws.evidence import evidence_in_time, processed_frames
 from nsdr.laws.motion import Evidence
 from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import TrackerConfig, track
@@ -70,17 +70,20 @@ def judge_proposals(
     return judge_tracks(track(proposals, tracker), proposals, late)
 
 
-def judge_tracks(tracks: VideoTracks, proposals: VideoProposals, late: FloatArray | None = None) -> Judgement:
-    """Judge a video as `judge_proposals` does, by its tracks and the proposals that these were made from.
+def judge_tracks(
+    tracks: VideoTracks, proposals: VideoProposals | None = None, late: FloatArray | None = None
+) -> Judgement:
+    """Judge a video as `judge_proposals` does, by its tracks.
 
     Args:
         tracks: tracks of the video.
-        proposals: proposals from which the tracks were made.
+        proposals: proposals from which the tracks were made; None for tracks from elsewhere, whose objects keep their words.
         late: (F,) delays of the frames, as in `judge_proposals`.
     """
-    processed = _checked_frames(proposals)
-    timing = timing_of(tracks, processed, np.zeros(proposals.n_frames) if late is None else late)
-    spacing = float(np.median(np.diff(_checked_frames(timing.proposals(proposals)))))
+    processed = processed_frames(tracks, proposals)
+    _spacing(processed)
+    timing = timing_of(tracks, processed, np.zeros(tracks.n_frames) if late is None else late)
+    spacing = _spacing(timing.slots)
     found = judgement_of(tracks, evidence_in_time(tracks, timing, proposals))
     return replace(found, notes=(*found.notes, *timing.notes, *spacing_notes(spacing)))
 
@@ -109,17 +112,16 @@ def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement
     return Judgement(objects, tracks.n_frames, tuple(violations), 1 - lawful, tracks.notes)
 
 
-def _checked_frames(proposals: VideoProposals) -> IntArray:
-    """The frames that were processed.
+def _spacing(frames: IntArray) -> float:
+    """Median number of frames from one processed frame to the next.
 
     Raises:
         VideoError: there are too few, or their spacing is too large.
     """
-    frames = np.arange(proposals.n_frames) if proposals.processed is None else proposals.processed
     if len(frames) < MIN_JUDGED_FRAMES:
         raise VideoError(f"{len(frames)} different frames are too few to judge; expected {MIN_JUDGED_FRAMES} or more")
     spacing = float(np.median(np.diff(frames)))
     if spacing > MAX_SPACING_FRAMES:
         least = f"expected {FPS / MAX_SPACING_FRAMES:.0f} or more, and a stride of no more than {MAX_SPACING_FRAMES}"
         raise VideoError(f"{FPS / spacing:.3g} frames a second are too few to judge; {least}")
-    return frames
+    return spacing

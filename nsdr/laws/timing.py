@@ -14,7 +14,8 @@ import numpy as np
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.laws.motion import Evidence
 from nsdr.laws.stretches import costs
-from nsdr.types import Track, VideoProposals, VideoTracks
+from nsdr.tracking.times import first_of, on_time
+from nsdr.types import VideoProposals, VideoTracks
 from nsdr.validation import FloatArray, IntArray
 from nsdr.world.physics_constants import FPS
 
@@ -72,6 +73,11 @@ class Timing:
     notes: tuple[str, ...] = ()
 
     @property
+    def slots(self) -> IntArray:
+        """The slots that are shown, in ascending order."""
+        return self.slot[self._first]
+
+    @property
     def _own_frames(self) -> int:
         """Number of slots."""
         return int(self.slot[-1]) + self.n_frames - int(self.shown[-1])
@@ -87,7 +93,7 @@ class Timing:
         slot[self.shown] = self.slot
         late = np.zeros(self._own_frames)
         late[self.slot[self._first]] = self.late[self._first]
-        moved = tuple(_on_time(_first_of(t, slot[t.frame_index]), late) for t in tracks.tracks)
+        moved = tuple(on_time(first_of(t, slot[t.frame_index]), late) for t in tracks.tracks)
         return replace(tracks, n_frames=self._own_frames, tracks=moved)
 
     def proposals(self, proposals: VideoProposals) -> VideoProposals:
@@ -102,7 +108,7 @@ class Timing:
             n_frames=self._own_frames,
             frame_index=slot[proposals.frame_index[rows]],
             masks=None if proposals.masks is None else tuple(proposals.masks[r] for r in rows.tolist()),
-            processed=self.slot[self._first],
+            processed=self.slots,
             **columns,
         )
 
@@ -117,27 +123,6 @@ class Timing:
         """The first processed frame from a slot on, or the end of the video."""
         k = int(np.searchsorted(self.slot, slot))
         return int(self.shown[k]) if k < len(self.slot) else self.n_frames
-
-
-def _first_of(t: Track, slot: IntArray) -> Track:
-    """A track with slots as frames and the first detection in each slot; `slot` (N,) has the slots of its detections."""
-    slots, rows = np.unique(slot, return_index=True)
-    names = ("location_world", "centroid_px", "box_xyxy_px", "score")
-    arrays: dict[str, Any] = {name: getattr(t, name)[rows] for name in names}
-    return replace(t, frame_index=slots, **arrays)
-
-
-def _on_time(t: Track, late: FloatArray) -> Track:
-    """A track with positions interpolated from delayed frames to their slots; `late` has the delay in each slot."""
-    frames, location = t.frame_index, t.location_world
-    if len(frames) < 2 or not late[frames].any():
-        return t
-    taken = frames + late[frames]
-    moved = np.stack([np.interp(frames, taken, along) for along in location.T], 1)
-    for end, beside in ((0, 1), (-1, -2)):
-        velocity = (location[beside] - location[end]) / (taken[beside] - taken[end])
-        moved[end] = location[end] + (frames[end] - taken[end]) * velocity
-    return replace(t, location_world=moved)
 
 
 def timing_of(tracks: VideoTracks, processed: IntArray, late: FloatArray) -> Timing:

@@ -2,7 +2,7 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from nsdr.tracking.localization import ground_location
 from nsdr.tracking.visibility import cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
-from nsdr.validation import Count, Settings, Share
+from nsdr.validation import Count, IntArray, Settings, Share
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import differing_words
 from nsdr.world.world import CLEVRER_WORLD, World
@@ -120,7 +120,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
             "missed and misplaced; lower the stride (`--set stride=N`), or use a video with more frames per second"
         )
     kept = np.flatnonzero(proposals.score > c.score)
-    positions = _positions(proposals, kept)
+    positions = ground_positions(proposals, kept)
     kept = kept[np.isfinite(positions[kept]).all(1)]  # nothing stands above the horizon
     linked = [tracklet.rows for tracklet in _link(proposals, kept, positions, spacing)]
     parts = [part for rows in linked for part in _cut_at_switches(proposals, rows, spacing)]
@@ -128,9 +128,7 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     for attribute, rows in _identities(proposals, parts).items():
         seen_often = len(rows) * spacing > c.min_frames and len(rows) >= min(MIN_SAMPLES, spacing)
         if seen_often or _enters_late(proposals, rows, c.min_frames, spacing):
-            found = SceneObject(0, *vocabulary.triple(attribute)), proposals.frame_index[rows], positions[rows]
-            measured = proposals.centroid_px[rows], proposals.box_xyxy_px[rows], proposals.score[rows]
-            tracks.append(Track(*found, *measured))
+            tracks.append(track_of(SceneObject(0, *vocabulary.triple(attribute)), proposals, rows, positions))
     tracks.sort(key=lambda t: (len(t.frame_index), float(t.score.sum())), reverse=True)
     tracks = [t for k, t in enumerate(tracks) if not any(_share_place(t, better) for better in tracks[:k])]
     tracks.sort(key=lambda t: (int(t.frame_index[0]), t.object.name))
@@ -174,8 +172,16 @@ def _share_place(t: Track, other: Track) -> bool:
     return bool(near.mean() >= DUPLICATE_SHARE)
 
 
-def _positions(proposals: VideoProposals, kept: NDArray[Any]) -> NDArray[Any]:
-    """(N, 2) ground positions of all rows (world units); NaN for rows that are not in `kept`."""
+def track_of(
+    scene_object: SceneObject, proposals: VideoProposals, rows: Sequence[int] | IntArray, positions: NDArray[Any]
+) -> Track:
+    """The track of an object that is seen in these rows of the proposals; `positions` (N, 2) are those of all rows."""
+    measured = (getattr(proposals, name)[rows] for name in ("centroid_px", "box_xyxy_px", "score"))
+    return Track(scene_object, proposals.frame_index[rows], positions[rows], *measured)
+
+
+def ground_positions(proposals: VideoProposals, kept: NDArray[Any]) -> NDArray[Any]:
+    """(N, 2) ground positions of all rows (world units); NaN above the horizon, and for rows that are not in `kept`."""
     positions = np.full((len(proposals), 2), np.nan)
     if not len(kept):
         return positions

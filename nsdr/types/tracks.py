@@ -53,11 +53,11 @@ def object_of(number: int, words: str, vocabulary: Vocabulary = CLEVRER_WORLD.vo
     Raises:
         DataError: the words are not one color, one material and one shape.
     """
-    given = words.lower().removeprefix("the ").split()
+    given = words.lower().removeprefix("the ").split() if isinstance(words, str) else []
     found = [[word for word in given if word in known] for known in vocabulary.words.values()]
     fits = len(given) == len(found) and all(len(of_one) == 1 for of_one in found)
     known = " and ".join(f"one {name} ({', '.join(values)})" for name, values in vocabulary.words.items())
-    expect(fits, "object", f"{known}, such as {vocabulary.example!r}", repr(words))
+    expect(fits, f"object {number}", f"{known}, such as {vocabulary.example!r}", repr(words))
     return SceneObject(number, *(word for (word,) in found))
 
 
