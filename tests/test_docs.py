@@ -20,7 +20,10 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 CODE = sorted((ROOT / "nsdr").rglob("*.py"))
 EXAMPLES = (
     "README.md",
-    *(f"docs/{name}.md" for name in ("quickstart", "evaluate", "interventions", "page", "rewards", "scoring")),
+    *(
+        f"docs/{name}.md"
+        for name in ("quickstart", "evaluate", "interventions", "page", "rewards", "scoring", "your_own_video")
+    ),
 )
 """Pages whose Python runs as it stands; that of docs/export.md and docs/plugins.md has tests of its own."""
 ANYWHERE = ("--field", "--from", "--help", "--keep-going", "-o")

@@ -16,17 +16,18 @@ from nsdr.tracking.tracker import ground_positions, track_of
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 from nsdr.types.tracks import object_of
 from nsdr.validation import BoolArray, IntArray, expect
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, check_release_size, release_scale
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, check_release_size, release_scale
 from nsdr.world.physics_constants import FPS
-from nsdr.world.vocabulary import attribute_index
+from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.world import CLEVRER_WORLD, World
 
 
 def tracks_from_masks(
-    masks: Any, objects: Sequence[str | SceneObject], camera: Camera = CLEVRER_CAMERA, fps: float = FPS
+    masks: Any, objects: Sequence[str | SceneObject], world: World = CLEVRER_WORLD, fps: float = FPS
 ) -> VideoTracks:
     """Tracks of objects whose masks are known, from any tracker.
 
-        >>> tracks = nsdr.tracks_from_masks(masks, ["red metal cube", "blue rubber sphere"], camera)
+        >>> tracks = nsdr.tracks_from_masks(masks, ["red metal cube", "blue rubber sphere"], nsdr.World(camera=camera))
         >>> pipeline.perceive(tracks=tracks)
 
     Args:
@@ -38,7 +39,7 @@ def tracks_from_masks(
             - COCO run lengths: for each object a list of F masks `{"size": [height, width], "counts": …}`, with None in
               frames in which it is not seen.
         objects: color, material and shape of each of the N objects, in the order of the masks.
-        camera: the camera that took the video; `Camera.from_points` finds it.
+        world: the world that the video is of; `Camera.from_points` finds its camera.
         fps: frames per second of the masks. Above 25, positions are interpolated to 25 frames a second; below, each frame is
             moved to the nearest of these, and the others have no detection.
 
@@ -50,19 +51,20 @@ def tracks_from_masks(
         DataError: masks of another form, masks that overlap or are never there, words that no object has or that two have,
             or an image of another aspect ratio than 3:2; names the place and the remedy.
     """
-    found = _objects_of(objects)
+    found = _objects_of(objects, world.vocabulary)
     images, n_frames, size = _label_images(masks, len(found))
     rate_fits = isinstance(fps, int | float) and RATES[0] <= fps <= RATES[1]
     expect(rate_fits, "fps", f"{RATES[0]:g} to {RATES[1]:g} frames per second", fps)
     try:
-        check_release_size(camera)
+        check_release_size(world.camera)
         scale = release_scale(size[1], size[0])
     except ValueError as e:
         raise DataError(str(e)) from e
     frame_index, index, numbers = _measured(images, len(found), size[0])
-    attributes = np.array([attribute_index(o.color, o.material, o.shape) for o in found])
-    seen = VideoProposals(n_frames, frame_index, attributes[index], np.ones(len(index)), *_scaled(numbers, scale))
-    positions = ground_positions(seen, np.arange(len(seen)), camera)
+    attributes = np.array([world.vocabulary.index(o.color, o.material, o.shape) for o in found])
+    columns = frame_index, attributes[index], np.ones(len(index)), *_scaled(numbers, scale)
+    seen = VideoProposals(n_frames, *columns, world=world)
+    positions = ground_positions(seen, np.arange(len(seen)))
     on_ground = np.isfinite(positions).all(1)
     tracks = []
     for o in found:
@@ -76,7 +78,7 @@ def tracks_from_masks(
     if abs(fps - FPS) > RATE_TOLERANCE:
         tracks = [_at_rate(t, fps) for t in tracks]
         n_frames = max(round(n_frames * FPS / fps), 1 + int(_slots((n_frames - 1) * FPS / fps)))
-    return VideoTracks(n_frames, tuple(tracks), camera, notes)
+    return VideoTracks(n_frames, tuple(tracks), world, notes)
 
 
 def _horizon_notes(n_frames: int) -> tuple[str, ...]:
@@ -84,11 +86,11 @@ def _horizon_notes(n_frames: int) -> tuple[str, ...]:
     return (f"masks above the horizon are left out in {n_frames} frames",) if n_frames else ()
 
 
-def _objects_of(objects: Sequence[str | SceneObject]) -> list[SceneObject]:
+def _objects_of(objects: Sequence[str | SceneObject], vocabulary: Vocabulary) -> list[SceneObject]:
     """The objects with ids from 0; their words differ."""
     listed = isinstance(objects, Sequence) and not isinstance(objects, str) and len(objects) > 0
     expect(listed, "objects", "the words of each object, such as ['red metal cube', 'blue rubber sphere']", objects)
-    found = [object_of(i, o.name if isinstance(o, SceneObject) else o) for i, o in enumerate(objects)]
+    found = [object_of(i, o.name if isinstance(o, SceneObject) else o, vocabulary) for i, o in enumerate(objects)]
     for a, b in combinations(found, 2):
         told_apart = "other words than each other object, which tell them apart in questions"
         expect(a.name != b.name, f"objects {a.id} and {b.id}", told_apart, f"{a.name!r} twice")
