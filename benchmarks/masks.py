@@ -18,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.shared import made_by, parser_of, percent_right, show, table
-from nsdr import Camera, Executor, Pipeline, Scene, VideoTracks, tracks_from_masks
+from nsdr import Camera, Executor, Pipeline, Scene, VideoTracks, World, tracks_from_masks
 from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.evaluation.report import Row
@@ -88,10 +88,10 @@ def main() -> None:
         labels = np.stack([instance_ids(solids_at(scene, f), camera) + 1 for f in range(scene.n_frames)])
         seen = [o for o in scene.objects if (labels == o.id + 1).any()]
         labels = np.searchsorted([0, *(o.id + 1 for o in seen)], labels)
-        tracks = {TRUE: tracks_from_annotation(annotation_document(scene, seed, "", camera), camera)}
+        tracks = {TRUE: tracks_from_annotation(annotation_document(scene, seed, "", camera), World(camera=camera))}
         cameras = {KNOWN: camera} | {name: found_camera(camera, places, seed) for name, places in POINTS.items()}
         for name, one in cameras.items():
-            tracks[name] = tracks_from_masks(labels, seen, one)
+            tracks[name] = tracks_from_masks(labels, seen, World(camera=one))
             off[name].append(errors(scene, tracks[name]))
         for name, one in tracks.items():
             found[name] += answers(pipeline, one, asked[seed])

@@ -254,6 +254,7 @@ class Pipeline:
                 assert proposals is not None
                 tracks = track(self._of_this_world(proposals), self.tracker)
                 probable = existence(tracks)
+            self._check_words(tracks)
             refuses = self.video.check == "refuse" and video is not None
             check_tracks(tracks, self.tracker, refuses, "the proposals" if video is None else str(video))
             observed = None if true_scene is None else collisions_of(true_scene, tracks)
@@ -325,6 +326,7 @@ class Pipeline:
             VideoError: as in `perceive`; or too few frames were processed, their spacing is too large, or no object is seen.
         """
         if tracks is not None:
+            self._check_words(tracks)
             judgement = judge_tracks(tracks)
             doubts = _doubts(tracks) if self.video.check != "off" else ()
             return replace(judgement, notes=distinct(judgement.notes, doubts))
@@ -374,13 +376,15 @@ class Pipeline:
         return self._of_this_world(checked_result(found, VideoProposals, self.frame_parser, "parse"))
 
     def _of_this_world(self, proposals: VideoProposals) -> VideoProposals:
-        """Proposals as seen by the camera of the pipeline's world, whose words they must have."""
-        known, found = self.world.vocabulary.words, proposals.world.vocabulary.words
-        if known != found:
-            raise DataError(
-                f"the proposals have the words of the world {proposals.world.name}, not of {self.world.name}"
-            )
+        """Proposals as seen by the camera of the pipeline's world."""
+        self._check_words(proposals)
         return replace(proposals, world=self.world)
+
+    def _check_words(self, found: VideoProposals | VideoTracks) -> None:
+        """Raise `DataError` unless proposals or tracks have the words of the pipeline's world."""
+        if found.world.vocabulary.words != self.world.vocabulary.words:
+            what, theirs, ours = type(found).__name__, found.world.name, self.world.name
+            raise DataError(f"the {what} have the words of the world {theirs}; the pipeline is for the world {ours}")
 
     def answer(
         self,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pycocotools import mask as rle
 
-from nsdr import Camera, DataError, Pipeline, Remove, SceneObject, VideoTracks, tracks_from_masks
+from nsdr import Camera, DataError, Pipeline, Remove, SceneObject, VideoTracks, World, tracks_from_masks
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.scene_files import solids_at
@@ -62,20 +62,22 @@ def assert_near(tracks: VideoTracks, frames: np.ndarray, within: float) -> None:
 @pytest.mark.parametrize("camera", [CLEVRER_CAMERA, OTHER])
 def test_masks_of_all_forms_give_the_same_tracks(camera: Camera) -> None:
     images = labels(camera)
-    found = tracks_from_masks(images, WORDS, camera)
+    found = tracks_from_masks(images, WORDS, World(camera=camera))
     assert [t.object.name for t in found.tracks] == list(WORDS)
     assert (found.n_frames, found.camera, found.notes) == (FRAMES, camera, ())
     assert_near(found, np.arange(FRAMES), 0.02)
     known = [SceneObject(7, *words.split()) for words in WORDS]
     for masks in (images.astype(np.uint8), planes(images), run_lengths(images), run_lengths(images, compressed=False)):
-        assert tracks_from_masks(masks, known, camera) == found
+        assert tracks_from_masks(masks, known, World(camera=camera)) == found
     texts = [[{**one, "counts": one["counts"].decode()} for one in masks] for masks in run_lengths(images)]
-    assert tracks_from_masks(texts, WORDS, camera) == found
+    assert tracks_from_masks(texts, WORDS, World(camera=camera)) == found
 
 
 def test_larger_masks_are_scaled() -> None:
     large = labels(replace(OTHER, width=1200, height=800), n_frames=5)
-    found, small = (tracks_from_masks(images, WORDS, OTHER) for images in (large, labels(OTHER, n_frames=5)))
+    found, small = (
+        tracks_from_masks(images, WORDS, World(camera=OTHER)) for images in (large, labels(OTHER, n_frames=5))
+    )
     assert_near(found, np.arange(5), 0.02)
     for a, b in zip(found.tracks, small.tracks, strict=True):
         assert np.abs(a.centroid_px - b.centroid_px).max() < 0.1
@@ -160,7 +162,7 @@ def test_malformed_masks_are_refused(masks: Any, objects: Any, said: str) -> Non
 
 def test_cameras_of_other_images_and_impossible_rates_are_refused() -> None:
     with pytest.raises(DataError, match="expected images of 480x320"):
-        tracks_from_masks(FEW, WORDS, Camera(width=960, height=640))
+        tracks_from_masks(FEW, WORDS, World(camera=Camera(width=960, height=640)))
     for fps in (0.0, np.nan, "25"):
         with pytest.raises(DataError, match="fps: expected 1 to 1000"):
             tracks_from_masks(FEW, WORDS, fps=fps)
@@ -171,13 +173,13 @@ def test_masks_above_the_horizon_are_left_out() -> None:
     images = labels(camera, n_frames=4)
     images[1][images[1] == 2] = 0
     images[1, :20, :20] = 2
-    found = tracks_from_masks(images, WORDS, camera)
+    found = tracks_from_masks(images, WORDS, World(camera=camera))
     assert found.tracks[1].frame_index.tolist() == [0, 2, 3]
     assert found.notes == ("masks above the horizon are left out in 1 frames",)
     images[images == 2] = 0
     images[:, :20, :20] = 2
     with pytest.raises(DataError, match=r"object 1, blue rubber cylinder: .* above the horizon; is the camera right"):
-        tracks_from_masks(images, WORDS, camera)
+        tracks_from_masks(images, WORDS, World(camera=camera))
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +190,7 @@ def clip() -> tuple[np.ndarray, tuple[SceneObject, ...]]:
 
 
 def test_masks_lead_to_answers_and_what_ifs(clip, pipeline: Pipeline) -> None:
-    tracks = tracks_from_masks(*clip, OTHER)
+    tracks = tracks_from_masks(*clip, World(camera=OTHER))
     perception = pipeline.perceive(tracks=tracks)
     assert pipeline.answer(perception.scene, "How many objects are there?").answer == len(clip[1])
     assert perception.scene.notes == ()
@@ -199,15 +201,15 @@ def test_tracks_of_masks_are_judged(clip, pipeline: Pipeline) -> None:
     """Also slow ones. An object without a mask where nothing hides it has vanished."""
     images, objects = clip
     for step in (1, 2):
-        lawful = pipeline.judge(tracks=tracks_from_masks(images[::step], objects, OTHER, 25 / step))
+        lawful = pipeline.judge(tracks=tracks_from_masks(images[::step], objects, World(camera=OTHER), 25 / step))
         assert lawful.violations == ()
     gone = images.copy()
     number = 1 + int(np.argmax([(gone[60:80] == o.id + 1).sum() for o in objects]))
     gone[60:80][gone[60:80] == number] = 0
-    (violation,) = pipeline.judge(tracks=tracks_from_masks(gone, objects, OTHER)).violations
+    (violation,) = pipeline.judge(tracks=tracks_from_masks(gone, objects, World(camera=OTHER))).violations
     assert (violation.law, violation.objects, violation.frame, violation.end) == ("permanence", (number - 1,), 60, 80)
 
 
 def test_judging_tracks_notes_the_wrong_camera(clip, pipeline: Pipeline) -> None:
     wrong = replace(OTHER, eye_world=(4.5, 2.0, 4.0))
-    assert "objects look" in pipeline.judge(tracks=tracks_from_masks(*clip, wrong)).notes[0]
+    assert "objects look" in pipeline.judge(tracks=tracks_from_masks(*clip, World(camera=wrong))).notes[0]
