@@ -27,7 +27,7 @@ from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser, load_pa
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.camera import check_release_size
-from nsdr.world.world import World
+from nsdr.world.world import CLEVRER_WORLD, World
 
 if TYPE_CHECKING:  # it loads torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
@@ -67,7 +67,7 @@ class PipelineConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_parser(self.question_parser, self.extensions)
-        check_release_size(self.world.camera)
+        check_perceivable(self.world)
 
     def fingerprint(self, checkpoint: str | Path, *made: str) -> str:
         """Of everything that perception depends on but its input: these settings, weights, and versions of the stages.
@@ -155,6 +155,17 @@ def _saved_with(checkpoint: str | Path) -> list[str]:
     if has_part(folder, "question_parser") and not has_part(folder, "frame_parser"):
         argv += [option("question_parser"), NETWORK]
     return argv
+
+
+def check_perceivable(world: World) -> None:
+    """Raise `DataError` unless the parts of a pipeline know a world: CLEVRER's with any camera, as yet."""
+    unknown = [name for name in world.differences(CLEVRER_WORLD) if not name.startswith("camera.")]
+    if unknown:
+        raise DataError(
+            f"world {world.name}: other than CLEVRER's in {', '.join(unknown)}; a pipeline takes CLEVRER's world with any camera, "
+            "because its dynamics and laws know no other as yet"
+        )
+    check_release_size(world.camera)
 
 
 def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> tuple["FrameParser", Dynamics, Parser]:

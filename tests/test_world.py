@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from nsdr import Camera, Pipeline, Scene, World, load, read_world, save
+from nsdr import Camera, Pipeline, PipelineConfig, Scene, World, load, read_world, save
 from nsdr.errors import DataError
 from nsdr.world.physics import Physics, Timeline
 from nsdr.world.vocabulary import Color, Material, Shape, Vocabulary
@@ -132,3 +132,13 @@ def test_a_pipeline_takes_proposals_of_its_own_world() -> None:
     assert found.words[0] == "white wood die"
     with pytest.raises(DataError, match="have the words of the world mine; the pipeline is for the world clevrer"):
         Pipeline(*[Part()] * 3).judge(proposals=found)  # type: ignore[list-item]
+
+
+def test_pipelines_refuse_worlds_whose_physics_they_do_not_know() -> None:
+    heavy = World("jupiter", physics=Physics(gravity=24.8))
+    assert heavy.differences(World()) == ["physics.gravity"]
+    assert World("clevrer 2", camera=Camera(lens_mm=28.0)).differences(World()) == ["camera.lens_mm"]
+    with pytest.raises(DataError, match=r"world jupiter: other than CLEVRER's in physics\.gravity; a pipeline takes"):
+        PipelineConfig(world=heavy)
+    with pytest.raises(DataError, match=r"world mine: other than CLEVRER's in vocabulary\.colors, .*, timeline\.frames;"):
+        Pipeline(*[Part()] * 3, world=MINE)  # type: ignore[list-item]

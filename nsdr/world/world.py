@@ -1,6 +1,6 @@
 """A world as one value: its words, its physics, time in its videos, and the camera. The defaults are CLEVRER's."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from nsdr.validation import Checked
 from nsdr.world.camera import Camera
@@ -30,6 +30,15 @@ class World(Checked):
     physics: Physics = field(default_factory=Physics)
     timeline: Timeline = field(default_factory=Timeline)
     camera: Camera = field(default_factory=Camera)
+
+    def differences(self, other: "World") -> list[str]:
+        """Names of the values that differ between two worlds, such as "physics.gravity"; that of the world is not compared."""
+        found = []
+        for section in fields(self)[1:]:
+            mine, others = getattr(self, section.name), getattr(other, section.name)
+            differing = [f.name for f in fields(mine) if getattr(mine, f.name) != getattr(others, f.name)]
+            found += [f"{section.name}.{name}" for name in differing]
+        return found
 
 
 CLEVRER_WORLD = World()
