@@ -12,6 +12,8 @@ from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.render.geometry import Solid, instance_ids
 from nsdr.generate.scene_files import solids_at
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
+from nsdr.world.physics import Timeline
+from nsdr.world.vocabulary import Color, Vocabulary
 
 OTHER = Camera(eye_world=(3.6, 1.6, 3.2), target_world=(0.2, -0.3, 0.1), lens_mm=28.0)
 WORDS = ("red metal sphere", "blue rubber cylinder")
@@ -62,15 +64,25 @@ def assert_near(tracks: VideoTracks, frames: np.ndarray, within: float) -> None:
 @pytest.mark.parametrize("camera", [CLEVRER_CAMERA, OTHER])
 def test_masks_of_all_forms_give_the_same_tracks(camera: Camera) -> None:
     images = labels(camera)
-    found = tracks_from_masks(images, WORDS, World(camera=camera))
+    world = World(camera=camera)
+    found = tracks_from_masks(images, WORDS, world)
     assert [t.object.name for t in found.tracks] == list(WORDS)
-    assert (found.n_frames, found.camera, found.notes) == (FRAMES, camera, ())
+    assert (found.n_frames, found.world, found.notes) == (FRAMES, world, ())
     assert_near(found, np.arange(FRAMES), 0.02)
     known = [SceneObject(7, *words.split()) for words in WORDS]
     for masks in (images.astype(np.uint8), planes(images), run_lengths(images), run_lengths(images, compressed=False)):
-        assert tracks_from_masks(masks, known, World(camera=camera)) == found
+        assert tracks_from_masks(masks, known, world) == found
     texts = [[{**one, "counts": one["counts"].decode()} for one in masks] for masks in run_lengths(images)]
-    assert tracks_from_masks(texts, WORDS, World(camera=camera)) == found
+    assert tracks_from_masks(texts, WORDS, world) == found
+
+
+def test_words_are_those_of_the_world() -> None:
+    colors = (Color("red", (255, 0, 0)), Color("pink", (255, 150, 200)))
+    world = World("mine", vocabulary=Vocabulary(colors=colors))
+    found = tracks_from_masks(labels(n_frames=4), ["pink metal sphere", "red metal sphere"], world)
+    assert [t.object.color for t in found.tracks] == ["pink", "red"]
+    with pytest.raises(DataError, match=r"object 1: expected one color \(red, pink\) .* got 'blue metal sphere'"):
+        tracks_from_masks(FEW, ["pink metal sphere", "blue metal sphere"], world)
 
 
 def test_larger_masks_are_scaled() -> None:
@@ -91,6 +103,15 @@ def test_positions_are_those_of_25_frames_a_second(fps: float, n_frames: int) ->
     assert found.n_frames == n_frames
     frames = np.arange(n_frames) if fps > 25 else np.delete(np.arange(n_frames), 13)
     assert_near(found, frames, 0.02)
+
+
+def test_frames_are_those_of_the_worlds_rate() -> None:
+    world = World("fast", timeline=Timeline(fps=50))
+    images = labels(n_frames=6)
+    assert tracks_from_masks(images, WORDS, world).tracks == tracks_from_masks(images, WORDS).tracks
+    assert [t.frame_index.tolist() for t in tracks_from_masks(images, WORDS, world, 25).tracks] == [
+        [0, 2, 4, 6, 8, 10]
+    ] * 2
 
 
 def test_slow_videos_have_detections_in_some_frames() -> None:

@@ -15,15 +15,14 @@ from nsdr.tracking.times import first_of, on_time
 from nsdr.tracking.tracker import ground_positions, track_of
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 from nsdr.types.tracks import object_of
-from nsdr.validation import BoolArray, IntArray, expect
+from nsdr.validation import BoolArray, FloatArray, IntArray, expect
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, check_release_size, release_scale
-from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import Vocabulary
 from nsdr.world.world import CLEVRER_WORLD, World
 
 
 def tracks_from_masks(
-    masks: Any, objects: Sequence[str | SceneObject], world: World = CLEVRER_WORLD, fps: float = FPS
+    masks: Any, objects: Sequence[str | SceneObject], world: World = CLEVRER_WORLD, fps: float | None = None
 ) -> VideoTracks:
     """Tracks of objects whose masks are known, from any tracker.
 
@@ -39,19 +38,20 @@ def tracks_from_masks(
             - COCO run lengths: for each object a list of F masks `{"size": [height, width], "counts": …}`, with None in
               frames in which it is not seen.
         objects: color, material and shape of each of the N objects, in the order of the masks.
-        world: the world that the video is of; `Camera.from_points` finds its camera.
-        fps: frames per second of the masks. Above 25, positions are interpolated to 25 frames a second; below, each frame is
-            moved to the nearest of these, and the others have no detection.
+        world: the world that the video is of, with the words and the camera; `Camera.from_points` finds the camera.
+        fps: frames per second of the masks; None for the world's, such as CLEVRER's 25. Above these, positions are interpolated
+            to the world's frames; below, each frame is moved to the nearest of them, and the others have no detection.
 
     Returns:
-        Tracks of the objects, in their order, with frames at 25 per second and pixels of the image scaled to 480x320. A note
-        says where masks above the horizon were left out.
+        Tracks of the objects, in their order, with frames at the world's rate and pixels of the image scaled to 480x320. A
+        note says where masks above the horizon were left out.
 
     Raises:
         DataError: masks of another form, masks that overlap or are never there, words that no object has or that two have,
             or an image of another aspect ratio than 3:2; names the place and the remedy.
     """
-    found = _objects_of(objects, world.vocabulary)
+    found, vocabulary, rate = _objects_of(objects, world.vocabulary), world.vocabulary, world.timeline.fps
+    fps = rate if fps is None else fps
     images, n_frames, size = _label_images(masks, len(found))
     rate_fits = isinstance(fps, int | float) and RATES[0] <= fps <= RATES[1]
     expect(rate_fits, "fps", f"{RATES[0]:g} to {RATES[1]:g} frames per second", fps)
@@ -61,9 +61,9 @@ def tracks_from_masks(
     except ValueError as e:
         raise DataError(str(e)) from e
     frame_index, index, numbers = _measured(images, len(found), size[0])
-    attributes = np.array([world.vocabulary.index(o.color, o.material, o.shape) for o in found])
-    columns = frame_index, attributes[index], np.ones(len(index)), *_scaled(numbers, scale)
-    seen = VideoProposals(n_frames, *columns, world=world)
+    attributes = np.array([vocabulary.index(o.color, o.material, o.shape) for o in found])
+    known = n_frames, frame_index, attributes[index], np.ones(len(index))
+    seen = VideoProposals(*known, *_scaled(numbers, scale), world=world)
     positions = ground_positions(seen, np.arange(len(seen)))
     on_ground = np.isfinite(positions).all(1)
     tracks = []
@@ -75,9 +75,10 @@ def tracks_from_masks(
             raise DataError(f"masks: object {o.id}, {o.name}: its mask in all frames {wrong}; {remedy}")
         tracks.append(track_of(o, seen, rows, positions))
     notes = _horizon_notes(len(np.unique(frame_index[~on_ground])))
-    if abs(fps - FPS) > RATE_TOLERANCE:
-        tracks = [_at_rate(t, fps) for t in tracks]
-        n_frames = max(round(n_frames * FPS / fps), 1 + int(_slots((n_frames - 1) * FPS / fps)))
+    if abs(fps - rate) > RATE_TOLERANCE:
+        step = rate / fps
+        tracks = [_at_times(t, step * t.frame_index) for t in tracks]
+        n_frames = max(round(step * n_frames), 1 + int(_slots(step * (n_frames - 1))))
     return VideoTracks(n_frames, tuple(tracks), world, notes)
 
 
@@ -89,7 +90,7 @@ def _horizon_notes(n_frames: int) -> tuple[str, ...]:
 def _objects_of(objects: Sequence[str | SceneObject], vocabulary: Vocabulary) -> list[SceneObject]:
     """The objects with ids from 0; their words differ."""
     listed = isinstance(objects, Sequence) and not isinstance(objects, str) and len(objects) > 0
-    expect(listed, "objects", "the words of each object, such as ['red metal cube', 'blue rubber sphere']", objects)
+    expect(listed, "objects", f"the words of each object, such as [{vocabulary.example!r}]", objects)
     found = [object_of(i, o.name if isinstance(o, SceneObject) else o, vocabulary) for i, o in enumerate(objects)]
     for a, b in combinations(found, 2):
         told_apart = "other words than each other object, which tell them apart in questions"
@@ -221,13 +222,12 @@ def _scaled(numbers: MaskNumbers, scale: NDArray[np.floating[Any]]) -> MaskNumbe
 
 
 def _slots(taken: Any) -> Any:
-    """The nearest frames at 25 per second."""
+    """The nearest frames of the world's rate."""
     return np.ceil(taken - 0.5).astype(np.int64)
 
 
-def _at_rate(t: Track, fps: float) -> Track:
-    """A track of frames at another rate, with frames at 25 per second."""
-    taken = t.frame_index * FPS / fps
+def _at_times(t: Track, taken: FloatArray) -> Track:
+    """A track with frames of the world's rate; its detections were taken at `taken` (T,) (frames)."""
     slots, rows = np.unique(_slots(taken), return_index=True)
     late = np.zeros(slots[-1] + 1)
     late[slots] = taken[rows] - slots
