@@ -159,11 +159,11 @@ def _saved_with(checkpoint: str | Path) -> list[str]:
 
 def check_perceivable(world: World) -> None:
     """Raise `DataError` unless the parts of a pipeline know a world: CLEVRER's with any camera, as yet."""
-    unknown = [name for name in world.differences(CLEVRER_WORLD) if not name.startswith("camera.")]
+    unknown = ", ".join(name for name in world.differences(CLEVRER_WORLD) if not name.startswith("camera."))
     if unknown:
         raise DataError(
-            f"world {world.name}: other than CLEVRER's in {', '.join(unknown)}; a pipeline takes CLEVRER's world with any camera, "
-            "because its dynamics and laws know no other as yet"
+            f"world {world.name}: other than CLEVRER's in {unknown}; a pipeline takes CLEVRER's world with any camera, because "
+            "its dynamics and laws know no other as yet"
         )
     check_release_size(world.camera)
 

@@ -140,5 +140,7 @@ def test_pipelines_refuse_worlds_whose_physics_they_do_not_know() -> None:
     assert World("clevrer 2", camera=Camera(lens_mm=28.0)).differences(World()) == ["camera.lens_mm"]
     with pytest.raises(DataError, match=r"world jupiter: other than CLEVRER's in physics\.gravity; a pipeline takes"):
         PipelineConfig(world=heavy)
-    with pytest.raises(DataError, match=r"world mine: other than CLEVRER's in vocabulary\.colors, .*, timeline\.frames;"):
+    with pytest.raises(
+        DataError, match=r"world mine: other than CLEVRER's in vocabulary\.colors, .*, timeline\.frames;"
+    ):
         Pipeline(*[Part()] * 3, world=MINE)  # type: ignore[list-item]
