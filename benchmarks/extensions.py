@@ -131,8 +131,8 @@ def errors(scene: Scene, truth: Scene) -> tuple[list[tuple[float, float, float]]
     for i, a in known:
         for frame in range(0, scene.n_frames, STRIDE):
             try:
-                found = executor.world.quantities.speed(i, frame)
-                speeds.append(found - true_executor.world.quantities.speed(a, frame))
+                found = executor.facts.quantities.speed(i, frame)
+                speeds.append(found - true_executor.facts.quantities.speed(a, frame))
             except ExecutionError:
                 continue
     moved = [(i, a) for i, a in known if truth.visible[a].any()]

@@ -8,13 +8,13 @@ from typing import Any, TypeVar
 from nsdr.clevrer.answers.answer_forms import UnreadableError, read_candidate
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.io.notes import distinct
+from nsdr.symbolic.facts import Boundary, SceneFacts
 from nsdr.symbolic.failures import failure
 from nsdr.symbolic.modules import EXTENSIONS, Kind, as_set
 from nsdr.symbolic.probabilities import PossibleScenes, first_of_two, simulated
 from nsdr.symbolic.program import SAID_KINDS, Program, ProgramSource, Step
 from nsdr.symbolic.quantities import Simulate
 from nsdr.symbolic.telling import event_lines, lines_without
-from nsdr.symbolic.world import Boundary, World
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
 from nsdr.world.vocabulary import ATTRIBUTES, SPEED_UNIT
 
@@ -57,7 +57,7 @@ class Executor:
         if not isinstance(scene, Scene):
             raise ExecutionError(f"programs run on a Scene, got a {type(scene).__name__}")
         self.scene, self.data_set_rules = scene, data_set_rules
-        self.world = World(scene, simulate)
+        self.facts = SceneFacts(scene, simulate)
         self._possible_scenes = PossibleScenes(scene, Executor)
 
     def run(self, program: ProgramSource) -> Any:
@@ -226,7 +226,7 @@ class Executor:
         """
         if program.tokens[-1] == "query_image_direction":
             steps = program.steps[:-1]
-            directions = self._supposing(lambda e: e.world.quantities.image_directions(e._values(steps)[-1]))
+            directions = self._supposing(lambda e: e.facts.quantities.image_directions(e._values(steps)[-1]))
             return directions.get(answer, 0.0)
         tokens = frozenset(program.tokens)
         if not EXTENSIONS.isdisjoint(tokens):
@@ -245,7 +245,7 @@ class Executor:
         """An answer in words; for a list of events their kinds and the names of their objects, whatever their frames."""
         if not isinstance(value, tuple):
             return _text(kind, value)
-        return [(e.kind, *(self.world.object(i).name for i in e.objects)) for e in value]
+        return [(e.kind, *(self.facts.object(i).name for i in e.objects)) for e in value]
 
     def _values(self, steps: Sequence[Step], choice_name: str = "", n_choice_steps: int = 0) -> list[Any]:
         """Value of every step; an error in one of the first `n_choice_steps` names the choice."""
@@ -255,10 +255,10 @@ class Executor:
                 values.append(step.token)
                 continue
             try:
-                values.append(step.module.run(self.world, *[values[i] for i in step.inputs]))
+                values.append(step.module.run(self.facts, *[values[i] for i in step.inputs]))
             except ExecutionError as e:
                 where = choice_name if index < n_choice_steps else ""
-                raise failure(e, steps, index, values, self.world, where) from None
+                raise failure(e, steps, index, values, self.facts, where) from None
         return values
 
     def _trace(self, steps: Sequence[Step], values: Sequence[Any]) -> tuple[TraceStep, ...]:
@@ -269,10 +269,10 @@ class Executor:
                 shown = TraceStep(token, inputs, kind, value, value)
             elif kind in OF_OBJECTS:
                 objects = as_set(value)
-                shown = TraceStep(token, inputs, kind, value, self.world.object_text(objects), objects)
+                shown = TraceStep(token, inputs, kind, value, self.facts.object_text(objects), objects)
             elif kind in OF_EVENTS:
                 events = value if isinstance(value, tuple) else (value,)
-                text = self.world.event_text(events)
+                text = self.facts.event_text(events)
                 shown = TraceStep(token, inputs, kind, value, text, (), () if isinstance(value, Boundary) else events)
             else:
                 objects = tuple(sorted({o for i in inputs for o in trace[i].objects}))

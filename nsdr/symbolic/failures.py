@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from nsdr.errors import ExecutionError
+from nsdr.symbolic.facts import SceneFacts
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.phrases import indefinite, noun_phrase
 from nsdr.symbolic.program import Step
-from nsdr.symbolic.world import World
 
 NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 MAX_LISTED = 8
@@ -15,7 +15,7 @@ MAX_LISTED = 8
 
 
 def failure(
-    error: ExecutionError, steps: Sequence[Step], index: int, values: Sequence[Any], world: World, where: str
+    error: ExecutionError, steps: Sequence[Step], index: int, values: Sequence[Any], facts: SceneFacts, where: str
 ) -> ExecutionError:
     """The error of a step, in words.
 
@@ -24,7 +24,7 @@ def failure(
         steps: the steps of the program that failed.
         index: the index of the failed step.
         values: the values of the steps before it.
-        world: the world that the program ran on.
+        facts: what the program ran on.
         where: the choice that the step belongs to, such as "choice B"; "" for the question.
 
     Returns:
@@ -35,34 +35,34 @@ def failure(
         return ExecutionError(f"{prefix}{error}", index + 1, step.token)
     source = step.inputs[0]
     is_objects = steps[source].kind == Kind.OBJECTS
-    found = _objects(world, values[source]) if is_objects else world.sentences(values[source])
+    found = _objects(facts, values[source]) if is_objects else facts.sentences(values[source])
     if step.token == "unique" and found:
         place, kind = f" in {where}" if where else "", "objects" if is_objects else "events"
         fitting = f"{_number(len(found))} {kind}: {_listed(found, is_objects)}"
         message = f"'{noun_phrase(steps, index)}'{place} fits {fitting}"
     else:
-        message = prefix + _nothing(steps, index, found, world)
+        message = prefix + _nothing(steps, index, found, facts)
     return ExecutionError(message, index + 1, step.token)
 
 
-def _nothing(steps: Sequence[Step], index: int, found: Sequence[str], world: World) -> str:
+def _nothing(steps: Sequence[Step], index: int, found: Sequence[str], facts: SceneFacts) -> str:
     """The sentence about a set that is empty, or too small for an order."""
     step = steps[index]
     noun = noun_phrase(steps, step.inputs[0])
     if steps[step.inputs[0]].kind == Kind.OBJECTS:
         asked = noun.removesuffix(" object") if noun.endswith(" object") else indefinite(noun)
-        return f"no object in this video is {asked}; it has: {_listed(_objects(world, world.all_objects), True)}"
+        return f"no object in this video is {asked}; it has: {_listed(_objects(facts, facts.all_objects), True)}"
     asked = noun_phrase(steps, index).removeprefix("the ") if step.token == "filter_order" else noun
     if found:
         return f"there is no {asked}; there is {_number(len(found))}: {_listed(found, False)}"
     kinds = {"collision": "collision", "entrance": "in", "exit": "out"}
     kind = next((name for name in kinds if noun.startswith(name)), "event")
-    others = world.sentences([e for e in world.events if kind == "event" or e.kind == kinds[kind]])
+    others = facts.sentences([e for e in facts.events if kind == "event" or e.kind == kinds[kind]])
     return f"there is no {asked}; the {kind}s of this video: {_listed(others, False) if others else 'none'}"
 
 
-def _objects(world: World, objects: Sequence[int]) -> tuple[str, ...]:
-    return tuple(f"the {world.objects[i].name}" for i in objects)
+def _objects(facts: SceneFacts, objects: Sequence[int]) -> tuple[str, ...]:
+    return tuple(f"the {facts.objects[i].name}" for i in objects)
 
 
 def _listed(found: Sequence[str], is_objects: bool) -> str:

@@ -1,7 +1,7 @@
 """The signature table: every program module with its argument types, result type and meaning.
 
 Parsing, type checking, dispatch, the question parser's vocabulary and the documentation all use this table. Values of programs are
-plain (`nsdr.symbolic.world`). Types are checked before a program runs, so values carry no type.
+plain (`nsdr.symbolic.facts`). Types are checked before a program runs, so values carry no type.
 """
 
 from collections.abc import Callable
@@ -11,8 +11,8 @@ from itertools import product
 from typing import Any
 
 from nsdr.errors import ExecutionError
+from nsdr.symbolic.facts import Causes, Collisions, Events, Objects, SceneFacts
 from nsdr.symbolic.quantities import CHANGES
-from nsdr.symbolic.world import Causes, Collisions, Events, Objects, World
 from nsdr.types import Event
 from nsdr.world.vocabulary import ATTRIBUTES
 
@@ -47,7 +47,7 @@ class Module:
         name: the program token.
         arguments: accepted types of each argument, first argument (deepest on the stack) first.
         result: type of the result; None for `unique`: `object` of a set of objects, `event` of a set of events.
-        run: function called as `run(world, *arguments)`.
+        run: function called as `run(facts, *arguments)`.
         meaning: one line of documentation.
         in_data_set: whether CLEVRER's own programs use it; if not, the released executor has it, or it is an extension.
         extension: whether it is for questions beyond CLEVRER.
@@ -66,18 +66,18 @@ ORDERS = {"first": 0, "second": 1, "last": -1}
 """Index of an event in a set, by order word."""
 
 
-def _unique(world: World, values: Objects | Events) -> int | Event:
+def _unique(facts: SceneFacts, values: Objects | Events) -> int | Event:
     if len(values) != 1:
         raise ExecutionError(f"expected exactly one, found {len(values)}")
     return values[0]
 
 
-def _with(attribute: str) -> Callable[[World, Objects, str], Objects]:
-    return lambda w, objects, word: tuple([i for i in objects if getattr(w.object(i), attribute) == word])
+def _with(attribute: str) -> Callable[[SceneFacts, Objects, str], Objects]:
+    return lambda f, objects, word: tuple([i for i in objects if getattr(f.object(i), attribute) == word])
 
 
-def _in_motion(wanted: bool) -> Callable[[World, Objects | int, int | None], Objects]:
-    return lambda w, who, frame: w.in_motion(as_set(who), frame, wanted)
+def _in_motion(wanted: bool) -> Callable[[SceneFacts, Objects | int, int | None], Objects]:
+    return lambda f, who, frame: f.in_motion(as_set(who), frame, wanted)
 
 
 def as_set(who: Objects | int) -> Objects:
@@ -94,8 +94,8 @@ def _filtered(events: Events, fits: Callable[[Event], bool]) -> Events:
     return Collisions(found) if isinstance(events, Collisions) else tuple(found)
 
 
-def _of_kind(kind: str) -> Callable[[World, Events, Objects | int], Events]:
-    def run(world: World, events: Events, who: Objects | int) -> Events:
+def _of_kind(kind: str) -> Callable[[SceneFacts, Events, Objects | int], Events]:
+    def run(facts: SceneFacts, events: Events, who: Objects | int) -> Events:
         objects = set(as_set(who))
         if isinstance(events, Collisions) and kind != "collision":
             raise ExecutionError(f"which objects {'enter' if kind == 'in' else 'exit'} {ONLY_COLLISIONS}")
@@ -104,39 +104,39 @@ def _of_kind(kind: str) -> Callable[[World, Events, Objects | int], Events]:
     return run
 
 
-def _order(world: World, events: Events, order: str) -> Event:
+def _order(facts: SceneFacts, events: Events, order: str) -> Event:
     index = ORDERS[order]
     if len(events) <= max(index, 0):
         raise ExecutionError(f"no {order} event among {len(events)}")
     return events[index]
 
 
-def _before(world: World, events: Events, event: Event) -> Events:
-    frame = world.frame_of(event)
+def _before(facts: SceneFacts, events: Events, event: Event) -> Events:
+    frame = facts.frame_of(event)
     return _filtered(events, lambda e: 0 <= e.frame < frame)
 
 
-def _after(world: World, events: Events, event: Event) -> Events:
-    frame = world.frame_of(event)
+def _after(facts: SceneFacts, events: Events, event: Event) -> Events:
+    frame = facts.frame_of(event)
     return _filtered(events, lambda e: e.frame > frame)
 
 
-def _ancestors(world: World, events: Events, event: Event) -> Causes:
-    causes = world.causes(event)
+def _ancestors(facts: SceneFacts, events: Events, event: Event) -> Causes:
+    causes = facts.causes(event)
     return Causes.of(event, [e for e in events if e in causes])
 
 
-def _partner(world: World, event: Event, one: int) -> int:
+def _partner(facts: SceneFacts, event: Event, one: int) -> int:
     if event.kind != "collision" or one not in event.objects:
         raise ExecutionError(
-            f"{world.event_text([event])} is not a collision of {world.object_text([one])} with another object"
+            f"{facts.event_text([event])} is not a collision of {facts.object_text([one])} with another object"
         )
     return _other(event.objects, one)
 
 
-def _get_object(world: World, event: Event) -> int:
+def _get_object(facts: SceneFacts, event: Event) -> int:
     if len(event.objects) != 1:
-        raise ExecutionError(f"{world.event_text([event])} has {len(event.objects)} objects; expected one")
+        raise ExecutionError(f"{facts.event_text([event])} has {len(event.objects)} objects; expected one")
     return event.objects[0]
 
 
@@ -150,18 +150,18 @@ def _like_any(events: Events, others: Events) -> Events:
     return Collisions(like) if isinstance(others, Collisions) else tuple(like)
 
 
-def _changed(world: World, events: Events, one: int, change: str) -> Events:
-    return _like_any(events, world.quantities.events_with(one, change))
+def _changed(facts: SceneFacts, events: Events, one: int, change: str) -> Events:
+    return _like_any(events, facts.quantities.events_with(one, change))
 
 
-def _without(world: World, events: Events, one: int) -> Events:
-    return _like_any(events, world.events_without(one))
+def _without(facts: SceneFacts, events: Events, one: int) -> Events:
+    return _like_any(events, facts.events_without(one))
 
 
-def _belongs(world: World, one: Event | int, events: Events) -> bool:
+def _belongs(facts: SceneFacts, one: Event | int, events: Events) -> bool:
     if isinstance(one, Event):
         if isinstance(events, Collisions) and one.kind != "collision":
-            raise ExecutionError(f"whether the {world.event_text([one])} {ONLY_COLLISIONS}")
+            raise ExecutionError(f"whether the {facts.event_text([one])} {ONLY_COLLISIONS}")
         return bool(_like_any((one,), events))
     targets = [events.target] if isinstance(events, Causes) else []
     return any(one in e.objects for e in (*events, *targets))
@@ -180,24 +180,24 @@ _COLOR, _MATERIAL, _SHAPE, _ORDER = (Kind.COLOR,), (Kind.MATERIAL,), (Kind.SHAPE
 _BEYOND = {"in_data_set": False, "extension": True}
 
 _TABLE = [
-    Module("objects", (), Kind.OBJECTS, lambda w: w.all_objects, "all objects of the video"),
-    Module("events", (), Kind.EVENTS, lambda w: w.events, "all observed events, in order of time"),
-    Module("all_events", (), Kind.EVENTS, lambda w: w.possible, "every possible event: the collision of each pair, and the entrance and exit of each object"),
-    Module("unseen_events", (), Kind.EVENTS, lambda w: w.unseen_events, "events after the video"),
-    Module("start", (), Kind.EVENT, lambda w: w.start, "the video's first frame, as an event"),
-    Module("end", (), Kind.EVENT, lambda w: w.end, "the video's last frame, as an event"),
-    Module("null", (), Kind.FRAME, lambda w: None, "no particular frame; stands for the whole video"),
+    Module("objects", (), Kind.OBJECTS, lambda f: f.all_objects, "all objects of the video"),
+    Module("events", (), Kind.EVENTS, lambda f: f.events, "all observed events, in order of time"),
+    Module("all_events", (), Kind.EVENTS, lambda f: f.possible, "every possible event: the collision of each pair, and the entrance and exit of each object"),
+    Module("unseen_events", (), Kind.EVENTS, lambda f: f.unseen_events, "events after the video"),
+    Module("start", (), Kind.EVENT, lambda f: f.start, "the video's first frame, as an event"),
+    Module("end", (), Kind.EVENT, lambda f: f.end, "the video's last frame, as an event"),
+    Module("null", (), Kind.FRAME, lambda f: None, "no particular frame; stands for the whole video"),
     Module("unique", (_SETS,), None, _unique, "the only member of a set; an error if it has none or several"),
-    Module("count", (_SETS,), Kind.NUMBER, lambda w, values: len(values), "number of members"),
-    Module("exist", (_SETS,), Kind.BOOLEAN, lambda w, values: bool(values), "whether the set has any members"),
-    Module("negate", ((Kind.BOOLEAN,),), Kind.BOOLEAN, lambda w, value: not value, "logical not"),
-    Module("query_color", (_OBJECT,), Kind.COLOR, lambda w, one: w.object(one).color, "colour of an object"),
-    Module("query_material", (_OBJECT,), Kind.MATERIAL, lambda w, one: w.object(one).material, "material of an object"),
-    Module("query_shape", (_OBJECT,), Kind.SHAPE, lambda w, one: w.object(one).shape, "shape of an object"),
-    Module("get_frame", (_EVENT,), Kind.FRAME, lambda w, event: w.frame_of(event), "frame of an event"),
+    Module("count", (_SETS,), Kind.NUMBER, lambda f, values: len(values), "number of members"),
+    Module("exist", (_SETS,), Kind.BOOLEAN, lambda f, values: bool(values), "whether the set has any members"),
+    Module("negate", ((Kind.BOOLEAN,),), Kind.BOOLEAN, lambda f, value: not value, "logical not"),
+    Module("query_color", (_OBJECT,), Kind.COLOR, lambda f, one: f.object(one).color, "colour of an object"),
+    Module("query_material", (_OBJECT,), Kind.MATERIAL, lambda f, one: f.object(one).material, "material of an object"),
+    Module("query_shape", (_OBJECT,), Kind.SHAPE, lambda f, one: f.object(one).shape, "shape of an object"),
+    Module("get_frame", (_EVENT,), Kind.FRAME, lambda f, event: f.frame_of(event), "frame of an event"),
     Module("get_object", (_EVENT,), Kind.OBJECT, _get_object, "object of an entrance or exit"),
-    Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda w, one, frame: w.quantities.direction(one, frame), "direction in which an object moves: left, right, towards or away from the camera; in the released executor left, right, up or down", False),
-    Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda w, one: w.events_without(one), "events without an object, of the video and after it", False),
+    Module("query_direction", (_OBJECT, _FRAME), Kind.DIRECTION, lambda f, one, frame: f.quantities.direction(one, frame), "direction in which an object moves: left, right, towards or away from the camera; in the released executor left, right, up or down", False),
+    Module("counterfact_events", (_OBJECT,), Kind.EVENTS, lambda f, one: f.events_without(one), "events without an object, of the video and after it", False),
     Module("filter_color", (_OBJECTS, _COLOR), Kind.OBJECTS, _with("color"), "objects of a colour"),
     Module("filter_material", (_OBJECTS, _MATERIAL), Kind.OBJECTS, _with("material"), "objects of a material"),
     Module("filter_shape", (_OBJECTS, _SHAPE), Kind.OBJECTS, _with("shape"), "objects of a shape"),
@@ -213,20 +213,20 @@ _TABLE = [
     Module("get_col_partner", (_EVENT, _OBJECT), Kind.OBJECT, _partner, "other object of a collision"),
     Module("get_counterfact", (_EVENTS, _OBJECT), Kind.EVENTS, _without, "those of the events that happen without an object"),
     Module("belong_to", ((Kind.EVENT, Kind.OBJECT), _EVENTS), Kind.BOOLEAN, _belongs, "whether an event (by kind and objects) is among the events, or an object takes part in one of them"),
-    Module("describe", (_OBJECTS, _EVENTS), Kind.DESCRIPTION, lambda w, objects, events: w.description(objects, events), "objects and events in words", **_BEYOND),
-    Module("query_speed", (_OBJECT, _FRAME), Kind.SPEED, lambda w, one, frame: w.quantities.speed(one, frame), "speed of an object at a frame (world units per second)", **_BEYOND),
-    Module("query_image_direction", (_OBJECT,), Kind.DIRECTION, lambda w, one: w.quantities.image_direction(one), "where an object moves in the image over the whole video, such as \"up and to the left\"; or \"stationary\"", **_BEYOND),
-    Module("query_name", (_OBJECT,), Kind.NAME, lambda w, one: w.object(one).name, "color, material and shape of an object", **_BEYOND),
-    Module("is_faster", (_OBJECT, _OBJECT, _FRAME), Kind.BOOLEAN, lambda w, a, b, frame: w.quantities.faster(a, b, frame) == a, "whether the first object is faster than the second at a frame", **_BEYOND),
-    Module("get_faster", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda w, a, b, frame: w.quantities.faster(a, b, frame), "the faster of two objects at a frame", **_BEYOND),
-    Module("get_slower", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda w, a, b, frame: _other((a, b), w.quantities.faster(a, b, frame)), "the slower of two objects at a frame", **_BEYOND),
-    Module("filter_fastest", (_OBJECTS, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.quantities.extreme_speed(objects, frame, max), "the fastest of the objects that are visible at a frame; with `null`, by their highest speed while visible", **_BEYOND),
-    Module("filter_slowest", (_OBJECTS, _FRAME), Kind.OBJECTS, lambda w, objects, frame: w.quantities.extreme_speed(objects, frame, min), "the slowest of these", **_BEYOND),
-    Module("is_heavier", (_OBJECT, _OBJECT), Kind.BOOLEAN, lambda w, a, b: w.quantities.heavier(a, b) == a, "whether the first object is heavier than the second", **_BEYOND),
-    Module("get_heavier", (_OBJECT, _OBJECT), Kind.OBJECT, lambda w, a, b: w.quantities.heavier(a, b), "the heavier of two objects", **_BEYOND),
-    Module("get_lighter", (_OBJECT, _OBJECT), Kind.OBJECT, lambda w, a, b: _other((a, b), w.quantities.heavier(a, b)), "the lighter of two objects", **_BEYOND),
-    Module("filter_heaviest", (_OBJECTS,), Kind.OBJECTS, lambda w, objects: w.quantities.extreme_mass(objects, max), "the heaviest of the objects", **_BEYOND),
-    Module("filter_lightest", (_OBJECTS,), Kind.OBJECTS, lambda w, objects: w.quantities.extreme_mass(objects, min), "the lightest of the objects", **_BEYOND),
+    Module("describe", (_OBJECTS, _EVENTS), Kind.DESCRIPTION, lambda f, objects, events: f.description(objects, events), "objects and events in words", **_BEYOND),
+    Module("query_speed", (_OBJECT, _FRAME), Kind.SPEED, lambda f, one, frame: f.quantities.speed(one, frame), "speed of an object at a frame (world units per second)", **_BEYOND),
+    Module("query_image_direction", (_OBJECT,), Kind.DIRECTION, lambda f, one: f.quantities.image_direction(one), "where an object moves in the image over the whole video, such as \"up and to the left\"; or \"stationary\"", **_BEYOND),
+    Module("query_name", (_OBJECT,), Kind.NAME, lambda f, one: f.object(one).name, "color, material and shape of an object", **_BEYOND),
+    Module("is_faster", (_OBJECT, _OBJECT, _FRAME), Kind.BOOLEAN, lambda f, a, b, frame: f.quantities.faster(a, b, frame) == a, "whether the first object is faster than the second at a frame", **_BEYOND),
+    Module("get_faster", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda f, a, b, frame: f.quantities.faster(a, b, frame), "the faster of two objects at a frame", **_BEYOND),
+    Module("get_slower", (_OBJECT, _OBJECT, _FRAME), Kind.OBJECT, lambda f, a, b, frame: _other((a, b), f.quantities.faster(a, b, frame)), "the slower of two objects at a frame", **_BEYOND),
+    Module("filter_fastest", (_OBJECTS, _FRAME), Kind.OBJECTS, lambda f, objects, frame: f.quantities.extreme_speed(objects, frame, max), "the fastest of the objects that are visible at a frame; with `null`, by their highest speed while visible", **_BEYOND),
+    Module("filter_slowest", (_OBJECTS, _FRAME), Kind.OBJECTS, lambda f, objects, frame: f.quantities.extreme_speed(objects, frame, min), "the slowest of these", **_BEYOND),
+    Module("is_heavier", (_OBJECT, _OBJECT), Kind.BOOLEAN, lambda f, a, b: f.quantities.heavier(a, b) == a, "whether the first object is heavier than the second", **_BEYOND),
+    Module("get_heavier", (_OBJECT, _OBJECT), Kind.OBJECT, lambda f, a, b: f.quantities.heavier(a, b), "the heavier of two objects", **_BEYOND),
+    Module("get_lighter", (_OBJECT, _OBJECT), Kind.OBJECT, lambda f, a, b: _other((a, b), f.quantities.heavier(a, b)), "the lighter of two objects", **_BEYOND),
+    Module("filter_heaviest", (_OBJECTS,), Kind.OBJECTS, lambda f, objects: f.quantities.extreme_mass(objects, max), "the heaviest of the objects", **_BEYOND),
+    Module("filter_lightest", (_OBJECTS,), Kind.OBJECTS, lambda f, objects: f.quantities.extreme_mass(objects, min), "the lightest of the objects", **_BEYOND),
     Module("get_changed", (_EVENTS, _OBJECT, (Kind.CHANGE,)), Kind.EVENTS, _changed, "those of the events that happen with an object changed", **_BEYOND),
 ]  # fmt: skip
 

@@ -1,6 +1,6 @@
 """The answers of the released research code on its own prediction files, including its quirks.
 
-Besides what it knows of a file (`nsdr.symbolic.official_world`), it differs from `nsdr.Executor` in this:
+Besides what it knows of a file (`nsdr.symbolic.official_facts`), it differs from `nsdr.Executor` in this:
 
 - Types are checked when a program runs. Objects and frames are both plain numbers.
 - `events` holds the start and the end of the video as well; `all_events` holds collisions only, without frames.
@@ -16,7 +16,7 @@ from typing import Any
 from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, as_set
-from nsdr.symbolic.official_world import OfficialEvent, OfficialWorld
+from nsdr.symbolic.official_facts import OfficialEvent, OfficialFacts
 from nsdr.symbolic.program import ProgramSource, program_tokens
 from nsdr.types import Answer, ChoiceAnswer, TraceStep
 from nsdr.world.physics_constants import VIDEO_FRAMES
@@ -38,7 +38,7 @@ class OfficialExecutor:
     """
 
     def __init__(self, content: PredictionFile, collisions: str = "predicted") -> None:
-        self.world = OfficialWorld(content, collisions)
+        self.facts = OfficialFacts(content, collisions)
 
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
@@ -98,7 +98,7 @@ class OfficialExecutor:
                 for allowed, argument in zip(kinds, arguments, strict=True):
                     if not any(_fits(kind, argument) for kind in allowed):
                         raise ProgramError(f"{token}: does not take {argument}; expected {' or '.join(allowed)}")
-                value = _FUNCTIONS[token](self.world, *arguments)
+                value = _FUNCTIONS[token](self.facts, *arguments)
             stack.append(len(steps))
             kind = _kind(token, value)
             steps.append(TraceStep(token, inputs, kind, value, self._text(kind, value)))
@@ -109,9 +109,9 @@ class OfficialExecutor:
     def _text(self, kind: Kind, value: Any) -> str:
         """A value in words."""
         if kind in (Kind.EVENTS, Kind.EVENT):
-            return self.world.event_text(value if isinstance(value, tuple) else (value,))
+            return self.facts.event_text(value if isinstance(value, tuple) else (value,))
         if kind in (Kind.OBJECTS, Kind.OBJECT):
-            return self.world.object_text(as_set(value))
+            return self.facts.object_text(as_set(value))
         if isinstance(value, bool):
             return "yes" if value else "no"
         return "the whole video" if value is None else str(value)
@@ -139,7 +139,7 @@ def _kind(token: str, value: Any) -> Kind:
 
 
 def _border_events(kind: str) -> Callable[..., Events]:
-    def run(_: OfficialWorld, events: Events, who: tuple[int, ...] | int) -> Events:
+    def run(_: OfficialFacts, events: Events, who: tuple[int, ...] | int) -> Events:
         objects = set(as_set(who))
         return tuple(
             e for e in events if e.kind == kind and e.frame < VIDEO_FRAMES and not objects.isdisjoint(e.objects)
@@ -149,7 +149,7 @@ def _border_events(kind: str) -> Callable[..., Events]:
 
 
 def _only(kind: str) -> Callable[..., OfficialEvent]:
-    def run(_: OfficialWorld, events: Events) -> OfficialEvent:
+    def run(_: OfficialFacts, events: Events) -> OfficialEvent:
         found = [e for e in events if e.kind == kind]
         if not found:
             raise ExecutionError(f"no {kind} among the events")
@@ -158,27 +158,27 @@ def _only(kind: str) -> Callable[..., OfficialEvent]:
     return run
 
 
-def _before(world: OfficialWorld, events: Events, event: OfficialEvent) -> Events:
-    return tuple(e for e in events if world.frame_of(e) < world.frame_of(event))
+def _before(facts: OfficialFacts, events: Events, event: OfficialEvent) -> Events:
+    return tuple(e for e in events if facts.frame_of(e) < facts.frame_of(event))
 
 
-def _after(world: OfficialWorld, events: Events, event: OfficialEvent) -> Events:
-    return tuple(e for e in events if world.frame_of(e) > world.frame_of(event))
+def _after(facts: OfficialFacts, events: Events, event: OfficialEvent) -> Events:
+    return tuple(e for e in events if facts.frame_of(e) > facts.frame_of(event))
 
 
-def _ancestor(world: OfficialWorld, events: Events, event: OfficialEvent) -> Events:
-    causes = world.causes(event)
+def _ancestor(facts: OfficialFacts, events: Events, event: OfficialEvent) -> Events:
+    causes = facts.causes(event)
     return tuple(e for e in events if e in causes)
 
 
-def _counterfact(world: OfficialWorld, events: Events, removed: int) -> Events:
-    pairs = {e.objects for e in world.collisions_without(removed)}
+def _counterfact(facts: OfficialFacts, events: Events, removed: int) -> Events:
+    pairs = {e.objects for e in facts.collisions_without(removed)}
     if any(not e.objects for e in events):
         raise ExecutionError("the start and the end of the video have no objects")
     return tuple(e for e in events if e.objects in pairs)
 
 
-def _belong(_: OfficialWorld, one: OfficialEvent | int, events: Events) -> bool:
+def _belong(_: OfficialFacts, one: OfficialEvent | int, events: Events) -> bool:
     for event in events:
         if not isinstance(one, OfficialEvent):
             if one in event.objects:
@@ -205,5 +205,5 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "get_counterfact": _counterfact,
     "belong_to": _belong,
 }
-"""Function of each module, called as `run(world, *arguments)`; where the two semantics agree, that of the signature table. The
+"""Function of each module, called as `run(facts, *arguments)`; where the two semantics agree, that of the signature table. The
 table also gives the arguments."""

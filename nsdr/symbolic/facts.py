@@ -49,7 +49,7 @@ class Collisions(tuple[Event, ...]):
     """Events after the video, or with an object removed, of which only the collisions are known."""
 
 
-class World:
+class SceneFacts:
     """A scene as programs see it, by the rules of the paper and of CLEVRER's own answers.
 
     Args:

@@ -51,7 +51,7 @@ class OfficialEvent(Event):
         """Nothing is checked, as this is not an event of a scene."""
 
 
-class OfficialWorld:
+class OfficialFacts:
     """Events and motion of one prediction file.
 
     Args:
