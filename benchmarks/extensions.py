@@ -31,7 +31,7 @@ from nsdr.dynamics import simulate
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.dynamics.scene import motion_px, scene_from_prediction
 from nsdr.errors import ExecutionError
-from nsdr.generate.physics.changed import TruthWorlds
+from nsdr.generate.physics.changed import TruthSimulator
 from nsdr.generate.questions.candidates import EXTENSION_KINDS
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
 from nsdr.question_parser.grammar import GrammarParser
@@ -174,7 +174,7 @@ def main() -> None:
     config = QuestionConfig(per_video={}, extensions=True, changed_per_video=options.changed)
     indices = range(options.first, options.first + options.scenes)
     truths = {i: read_truth_file(next(options.data.glob(f"truth/*/truth_{i:05d}.json"))) for i in indices}
-    scenes = ((i, "", scene_from_truth(t), TruthWorlds(t)) for i, t in truths.items())
+    scenes = ((i, "", scene_from_truth(t), TruthSimulator(t)) for i, t in truths.items())
     asked = select_questions((find_candidates(scene, config) for scene in scenes), config)
     for index, truth in truths.items():
         tracks = track(read_proposals(options.proposals / f"proposal_{index:05d}.json"))

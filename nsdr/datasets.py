@@ -87,7 +87,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
       the last frame of a released video, after which nothing is known
     - `frames` (T,) int64, numbers of the frames; `scene_index` int64
 
-    In generated data sets, and in the worlds in their `counterfactual/`, all of this comes from truth files. In the release's
+    In generated data sets, and in those in their `counterfactual/`, all of this comes from truth files. In the release's
     `train` and `validation`, it comes from annotations, and three videos of other lengths are left out
     (`nsdr.clevrer.IRREGULAR_VIDEOS`).
 

@@ -213,7 +213,7 @@ def test_an_answer_that_the_scene_does_not_give_has_no_reasoning() -> None:
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory) -> tuple[Path, Path]:
-    """A generated data set with worlds without an object, and its pairs."""
+    """A generated data set with counterfactual videos, and its pairs."""
     folder = tmp_path_factory.mktemp("compared")
     scene, render = SceneConfig(objects={3: 1.0}, n_frames=40), RenderConfig(width=96, height=64)
     config = DatasetConfig(
@@ -244,8 +244,8 @@ def test_pairs_differ_where_the_world_does_and_nowhere_else(compared) -> None:
             original, first = sources[scene.questions[0].text + str(scene.questions[0].choices)].scene_index, video
             assert video.read_bytes() == Files(data, "train", original).video.read_bytes()
             executors = [
-                Executor(scene_from_truth(read_truth_file(Files(data, "train", original, world).truth)))
-                for world in range(3)
+                Executor(scene_from_truth(read_truth_file(Files(data, "train", original, number).truth)))
+                for number in range(3)
             ]
         for q in scene.questions if kind else ():
             other = asked[q.pair]
@@ -253,11 +253,13 @@ def test_pairs_differ_where_the_world_does_and_nowhere_else(compared) -> None:
             assert q.type != "counterfactual" or kind != "changed"
             assert (solution(q) == solution(other)) == (kind != "changed")
         if kind == "changed":
-            (world,) = [w for w in (1, 2) if Files(data, "train", original, w).video.read_bytes() == video.read_bytes()]
+            (number,) = [
+                n for n in (1, 2) if Files(data, "train", original, n).video.read_bytes() == video.read_bytes()
+            ]
             for q in scene.questions:
                 choices = [(c.text, c.program) for c in q.choices]
-                answer_choices = executors[world].answer_choices
-                found = answer_choices(q.program, choices) if choices else executors[world].answer(q.program)
+                answer_choices = executors[number].answer_choices
+                found = answer_choices(q.program, choices) if choices else executors[number].answer(q.program)
                 assert [c.answer for c in found.choices] == [c.answer for c in q.choices]
                 assert q.choices or found.text == q.answer
         elif kind:
@@ -322,7 +324,7 @@ def test_pairs_leave_out_questions_without_another_answer(small_scene) -> None:
     cube, green, blue = "cube filter_shape", "green filter_color", "blue filter_color"
 
     def changed(kind: str, program: str, answer: str, *pairs: tuple[str, str]) -> Question | None:
-        """The question in another world; of the pairs that may collide, the first one is right in the file."""
+        """The question in a counterfactual video; of the pairs that may collide, the first one is right in the file."""
         happens = "all_events objects {} unique filter_collision objects {} unique filter_collision unique"
         choices = tuple(
             Choice(i, "?", tuple(happens.format(*pair).split()), "wrong" if i else "correct")

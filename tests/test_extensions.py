@@ -23,7 +23,7 @@ from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.physics.solver import log_mass_covariance
 from nsdr.dynamics.physics.trajectory_fit import _Problem, fit_trajectories
 from nsdr.dynamics.scene import motion_px, scene_from_prediction
-from nsdr.generate.physics.changed import TruthWorlds
+from nsdr.generate.physics.changed import TruthSimulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.questions.candidates import EXTENSION_KINDS, changed_questions
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, generate_questions, select_questions
@@ -437,11 +437,11 @@ def test_generated_questions_agree_with_their_programs(truths) -> None:
 
 def test_what_if_questions_are_simulated_by_bullet(truths) -> None:
     truth = truths[0]
-    scene, worlds = scene_from_truth(truth), TruthWorlds(truth)
-    found = next(changed_questions(scene, worlds, random.Random(0), 1))
-    executor = Executor(scene, simulate=worlds)
+    scene, simulate = scene_from_truth(truth), TruthSimulator(truth)
+    found = next(changed_questions(scene, simulate, random.Random(0), 1))
+    executor = Executor(scene, simulate=simulate)
     assert all(executor.run([*o.program, *found.program]) is (o.answer == "correct") for o in found.choices)
-    candidates = find_candidates((0, "v", scene, worlds), QuestionConfig(extensions=True, changed_per_video=1))
+    candidates = find_candidates((0, "v", scene, simulate), QuestionConfig(extensions=True, changed_per_video=1))
     (questions,) = select_questions([candidates], QuestionConfig(extensions=True, changed_per_video=1))
     assert all(isinstance(c, Choice) for q in questions.questions for c in q.choices)
 
@@ -474,12 +474,12 @@ def test_answers_beyond_clevrer_are_read_and_rewarded(answer) -> None:
 def test_bullet_repeats_the_truth_and_says_so_if_not(truths) -> None:
     truth = truths[0]
     hit = truth["collisions"][0]
-    same = TruthWorlds(truth)(SetMass(hit["object_ids"][0], 1.0), 0)
+    same = TruthSimulator(truth)(SetMass(hit["object_ids"][0], 1.0), 0)
     assert {e.objects for e in same} == {tuple(sorted(c["object_ids"])) for c in truth["collisions"]}
     with pytest.raises(DataError, match="does not have its own collisions"):
-        TruthWorlds(truth | {"collisions": []})(SetMass(0, 2.0), 0)
+        TruthSimulator(truth | {"collisions": []})(SetMass(0, 2.0), 0)
     with pytest.raises(DataError, match="expected a SetMass or SetVelocity"):
-        TruthWorlds(truth)(SetMass("red cube", 2.0), 0)
+        TruthSimulator(truth)(SetMass("red cube", 2.0), 0)
 
 
 def test_what_ifs_need_the_extension() -> None:

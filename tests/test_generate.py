@@ -132,14 +132,14 @@ def test_every_unseen_and_counterfactual_collision_is_found_by_programs(scenes) 
     assert found > 10
 
 
-def test_a_world_without_an_object_is_that_of_the_truth(scenes) -> None:
+def test_a_scene_without_an_object_is_that_of_the_truth(scenes) -> None:
     scene = scenes[0]
     for removed in removals_by_effect(scene)[:2]:
-        world = scene_without(scene, removed)
+        without = scene_without(scene, removed)
         kept = [o for o in scene.objects if o.id != removed]
-        assert [(o.id, o.name) for o in world.objects] == [(i, o.name) for i, o in enumerate(kept)]
+        assert [(o.id, o.name) for o in without.objects] == [(i, o.name) for i, o in enumerate(kept)]
         found: dict = {}
-        for c in world.motion.contacts:
+        for c in without.motion.contacts:
             found.setdefault(tuple(kept[i].id for i in c.bodies), c.frame)
         assert found == {c.bodies: c.frame for c in scene.counterfactual[removed]}
 
@@ -379,7 +379,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
     }
 
 
-def test_worlds_without_an_object_are_data_sets_beside_the_videos(tmp_path) -> None:
+def test_counterfactual_videos_are_data_sets_beside_the_videos(tmp_path) -> None:
     scene, render = SceneConfig(objects={3: 1.0}, n_frames=24), RenderConfig(width=96, height=64)
     config = DatasetConfig(
         str(tmp_path / "set"), 1, 3, splits={"validation": 1}, scene=scene, render=render, questions=None,
@@ -389,9 +389,9 @@ def test_worlds_without_an_object_are_data_sets_beside_the_videos(tmp_path) -> N
     truth = read_json(Files(config.output, "validation", 10000).truth)
     names = [(o["color"], o["material"], o["shape"]) for o in truth["objects"]]
     removed = set()
-    for world in (1, 2):
-        files = Files(config.output, "validation", 10000, world)
-        assert files.video == Path(config.output, "counterfactual", str(world), *files.video.parts[-4:])
+    for number in (1, 2):
+        files = Files(config.output, "validation", 10000, number)
+        assert files.video == Path(config.output, "counterfactual", str(number), *files.video.parts[-4:])
         other = read_json(files.truth)
         kept = [i for i in range(3) if i != other["removed"]]
         assert [(o["color"], o["material"], o["shape"]) for o in other["objects"]] == [names[i] for i in kept]

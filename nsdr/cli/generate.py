@@ -13,7 +13,7 @@ from nsdr.clevrer.files.questions import write_questions
 from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.cli.common import KEEP_GOING, KEEP_GOING_HELP, Command, configured, left_out
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
-from nsdr.generate.physics.changed import TruthWorlds
+from nsdr.generate.physics.changed import TruthSimulator
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
@@ -102,8 +102,8 @@ def _questions(arguments: Sequence[str]) -> str:
     check_output(options.output, [".json"], paths)
     scenes: list[Any] = sorted((s for path in paths for s in iterate_scenes(path)), key=lambda scene: scene[0])
     if options.questions.changed_per_video:
-        worlds = _worlds(paths)
-        scenes = [(*scene, worlds.get(scene[0])) for scene in scenes]
+        simulators = _simulators(paths)
+        scenes = [(*scene, simulators.get(scene[0])) for scene in scenes]
     find = partial(find_candidates, config=options.questions)
     found = run_in_order(find, scenes, options.engine, options.workers)
     bar = tqdm(found, total=len(scenes), unit="scene", desc="questions")
@@ -114,13 +114,13 @@ def _questions(arguments: Sequence[str]) -> str:
     return options.output
 
 
-def _worlds(paths: Sequence[str]) -> dict[int, TruthWorlds]:
+def _simulators(paths: Sequence[str]) -> dict[int, TruthSimulator]:
     """What simulates the scenes of the truth files below the paths, by scene index."""
     files = [
         file for path in map(Path, paths) for file in (find_files(path, "truth_*.json") if path.is_dir() else [path])
     ]
     truths = [read_truth_file(file) for file in files if file.name.startswith("truth_")]
-    return {truth["scene_index"]: TruthWorlds(truth) for truth in truths}
+    return {truth["scene_index"]: TruthSimulator(truth) for truth in truths}
 
 
 def _printed(write: Callable[[Sequence[str]], str]) -> Command:

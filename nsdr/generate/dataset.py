@@ -23,7 +23,7 @@ from nsdr.clevrer.files.questions import SceneQuestions, without_answers, write_
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.errors import DataError
 from nsdr.generate import VERSION
-from nsdr.generate.physics.changed import TruthWorlds
+from nsdr.generate.physics.changed import TruthSimulator
 from nsdr.generate.physics.scene import SimulatedScene, removals_by_effect, scene_without, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
@@ -145,9 +145,9 @@ class Files:
         root: folder of the data set.
         split: the video's split.
         index: its index.
-        world: 0 for the video itself. World 1 and later ones show the same scene without one of its objects; their files are
-            in `counterfactual/WORLD`, under the same names. `removed` in such a world's truth file is the id that the missing
-            object has in the video itself.
+        counterfactual: 0 for the video itself. Counterfactual videos 1, 2, … show the same scene without one of its objects;
+            their files are in `counterfactual/1` and so on, under the same names. `removed` in their truth files is the id that
+            the missing object has in the video itself.
 
     Attributes:
         video: the video (mp4).
@@ -156,8 +156,8 @@ class Files:
         truth: the complete ground truth. It is written last, so it marks a finished video.
     """
 
-    def __init__(self, root: str | Path, split: str, index: int, world: int = 0) -> None:
-        root = self.root_of(Path(root), world)
+    def __init__(self, root: str | Path, split: str, index: int, counterfactual: int = 0) -> None:
+        root = self.root_of(Path(root), counterfactual)
         self.video = root / "videos" / split / sub_folder("video", index) / f"video_{index:05d}.mp4"
         self.annotation = (
             root / "annotations" / split / sub_folder("annotation", index) / f"annotation_{index:05d}.json"
@@ -166,9 +166,9 @@ class Files:
         self.truth = root / "truth" / split / f"truth_{index:05d}.json"
 
     @staticmethod
-    def root_of(root: Path, world: int) -> Path:
-        """The folder of the data set itself, or of one of its worlds without an object."""
-        return root / "counterfactual" / str(world) if world else root
+    def root_of(root: Path, counterfactual: int) -> Path:
+        """The folder of the data set itself, or of one of its data sets of counterfactual videos."""
+        return root / "counterfactual" / str(counterfactual) if counterfactual else root
 
 
 def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
@@ -194,7 +194,7 @@ def generate_dataset(config: DatasetConfig, keep_going: bool = False) -> Path:
 
 
 def _write_manifests(config: DatasetConfig, root: Path) -> None:
-    """Write the manifests of the data set and of its worlds without an object, which have no questions."""
+    """Write the manifests of the data set and of those of counterfactual videos, which have no questions."""
     manifest, path = _manifest(config), root / "manifest.json"
     if path.exists():
         existing = read_json(path, dict[str, Any]).get("config")
@@ -205,8 +205,8 @@ def _write_manifests(config: DatasetConfig, root: Path) -> None:
             raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")
     write_json(path, manifest, indent=1)
     manifest["kinds"] = [kind for kind in manifest["kinds"] if kind != "questions"]
-    for world in range(1, config.counterfactual_videos + 1):
-        write_json(Files.root_of(root, world) / "manifest.json", manifest, indent=1)
+    for number in range(1, config.counterfactual_videos + 1):
+        write_json(Files.root_of(root, number) / "manifest.json", manifest, indent=1)
 
 
 def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
@@ -251,7 +251,7 @@ def write_split_questions(root: Path, split: str, scenes: Sequence[SceneQuestion
 
 def _scene_candidates(config: QuestionConfig, path: Path) -> SceneQuestions:
     truth = read_truth_file(path)
-    simulate = TruthWorlds(truth) if config.changed_per_video else None
+    simulate = TruthSimulator(truth) if config.changed_per_video else None
     index = truth["scene_index"]
     return find_candidates((index, f"video_{index:05d}.mp4", scene_from_truth(truth), simulate), config)
 
@@ -282,8 +282,8 @@ def _make_videos(config: DatasetConfig, job: tuple[str, range], _: Path) -> None
     split, indices = job
     for index, (scene, more_truth) in zip(indices, config.made_together(indices[0]), strict=True):
         video = split, index
-        for world, removed in enumerate(removals_by_effect(scene)[: config.counterfactual_videos], 1):
-            files = Files(config.output, *video, world)
+        for number, removed in enumerate(removals_by_effect(scene)[: config.counterfactual_videos], 1):
+            files = Files(config.output, *video, number)
             _write_files(config, video, scene_without(scene, removed, config.scene), files, {"removed": removed})
         _write_files(config, video, scene, Files(config.output, *video), more_truth)
 

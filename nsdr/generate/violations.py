@@ -60,7 +60,7 @@ class ViolationsConfig(DatasetConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.counterfactual_videos:
-            raise DataError("counterfactual_videos: expected 0, as worlds without an object are lawful")
+            raise DataError("counterfactual_videos: expected 0, as counterfactual videos are lawful")
         if sum(share > 0 for share in self.splits.values()) != 1:
             raise DataError(f"splits: expected one split, as both videos of a pair are in it; got {dict(self.splits)}")
 

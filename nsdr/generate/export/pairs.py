@@ -79,7 +79,7 @@ def write_pairs(
 def _write_split(source: Split, scenes: Sequence[SceneQuestions], folder: Path) -> list[SceneQuestions]:
     """Write a split's videos and the questions about them; the videos get the first indices of the release's split."""
     indices = SPLITS[source.name]
-    n = sum(1 + len(_worlds(source, scene)) + len(SAME) for scene in scenes)
+    n = sum(1 + len(_counterfactual(source, scene)) + len(SAME) for scene in scenes)
     if n > len(indices):
         raise DataError(
             f"pairs of {source.name} need up to {n} videos; there are indices for {len(indices)}: use --limit"
@@ -112,22 +112,22 @@ def _videos(source: Split, scene: SceneQuestions) -> Iterator[tuple[str, Path, S
     """Yield a scene's video and those that are compared with it: kind of pair ("" of the first), file, and questions."""
     video = source.video(scene.scene_index)
     yield "", video, scene.questions
-    for world in _worlds(source, scene):
-        executor = Executor(scene_from_truth(read_truth_file(world.truth)))
+    for files in _counterfactual(source, scene):
+        executor = Executor(scene_from_truth(read_truth_file(files.truth)))
         if changed := [other for q in scene.questions if (other := _changed(q, executor)) is not None]:
-            yield "changed", world.video, changed
+            yield "changed", files.video, changed
     yield "mirrored", video, [q for q in scene.questions if q.answer not in DIRECTIONS]
     yield "noisy", video, scene.questions
 
 
-def _worlds(source: Split, scene: SceneQuestions) -> list[Files]:
-    """The files of a scene's worlds without an object."""
-    found = (Files(source.root, source.name, scene.scene_index, world) for world in count(1))
+def _counterfactual(source: Split, scene: SceneQuestions) -> list[Files]:
+    """The files of a scene's counterfactual videos."""
+    found = (Files(source.root, source.name, scene.scene_index, number) for number in count(1))
     return list(takewhile(lambda files: files.truth.exists(), found))
 
 
 def _changed(question: Question, executor: Executor) -> Question | None:
-    """The question with its answers in another world; None if they do not differ, or if it has none there.
+    """The question with its answers in a counterfactual video; None if they do not differ, or if it has none there.
 
     A counterfactual question has none: it would be about a second removal. A predictive question has some only if exactly one
     option is right there, as in CLEVRER.

@@ -13,7 +13,7 @@ from nsdr.types.interventions import Intervention, check_speed
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 
 
-class TruthWorlds:
+class TruthSimulator:
     """The collisions in a generated video after one object is changed; implements `nsdr.symbolic.quantities.Simulate`.
 
     States in truth files are rounded. Therefore the unchanged video is simulated again, too; if that does not give its true
