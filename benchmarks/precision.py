@@ -3,7 +3,7 @@
 `python -m benchmarks.precision DATA FOLDER [--scenes 300] [--runs 30] [-o results/precision.md]`
 
 DATA is a data set of `nsdr generate dataset` with questions; FOLDER keeps what was found, one file a scene, so a second call
-goes on. Each world without an object that a counterfactual question of the validation split removes is told
+goes on. The course of events without each object that a counterfactual question of the validation split removes is told
 
 - by Bullet from the true states, one run, from the frame before the removed object's first collision;
 - by Bullet and by our simulator from states measured with an error: `--runs` runs start from them, all but the first with
@@ -11,7 +11,7 @@ goes on. Each world without an object that a counterfactual question of the vali
 - by the default, fitted to the tracks of exact masks.
 
 Whatever the removal cannot influence is as in the video, for all. Velocities, yaws and masses have errors in proportion to
-those of positions. The questions are then answered in the true scene with these worlds.
+those of positions. The questions are then answered in the true scene with these courses.
 About 0.35 seconds of a core a run and scene.
 """
 
@@ -69,7 +69,7 @@ EXACT, DEFAULT = "Bullet, true states", "default, from tracks"
 MEASURED = ("Bullet", "our simulator")
 
 
-class World(NamedTuple):
+class Course(NamedTuple):
     """A scene without an object.
 
     Attributes:
@@ -92,39 +92,39 @@ class World(NamedTuple):
         return [i for i in range(len(self.shapes)) if i != self.removed]
 
 
-def world_of(truth: Mapping[str, Any], removed: int) -> World:
+def course_of(truth: Mapping[str, Any], removed: int) -> Course:
     """The scene of a truth file without an object that collides."""
     collisions = [[*sorted(c["object_ids"]), c["frame_id"]] for c in truth["collisions"]]
     start = max(min((f for i, j, f in collisions if removed in (i, j)), default=1) - 1, 0)
-    return World(collisions, removed, start, states_at(truth, start), [o["shape"] for o in truth["objects"]])
+    return Course(collisions, removed, start, states_at(truth, start), [o["shape"] for o in truth["objects"]])
 
 
-def by_bullet(world: World, frames: int, simulator: Simulator) -> Collisions:
-    """What Bullet finds from the world's start on."""
-    shapes = {i: world.shapes[i] for i in world.kept}
-    return bullet_collisions(shapes, world.states[world.kept], world.start, frames, simulator)
+def by_bullet(course: Course, frames: int, simulator: Simulator) -> Collisions:
+    """What Bullet finds from the course's start on."""
+    shapes = {i: course.shapes[i] for i in course.kept}
+    return bullet_collisions(shapes, course.states[course.kept], course.start, frames, simulator)
 
 
-def by_ours(world: World, frames: int) -> Collisions:
+def by_ours(course: Course, frames: int) -> Collisions:
     """What our simulator finds: the first contact of each pair."""
-    exists = np.arange(len(world.shapes)) != world.removed
-    bodies = planar_bodies(world.shapes, world.states)
-    contacts = simulate(bodies, exists, frames, start=world.start).contacts[0]
-    return [[i, j, int(contacts[i, j])] for i, j in combinations(world.kept, 2) if contacts[i, j] != NO_CONTACT]
+    exists = np.arange(len(course.shapes)) != course.removed
+    bodies = planar_bodies(course.shapes, course.states)
+    contacts = simulate(bodies, exists, frames, start=course.start).contacts[0]
+    return [[i, j, int(contacts[i, j])] for i, j in combinations(course.kept, 2) if contacts[i, j] != NO_CONTACT]
 
 
-def with_video(world: World, found: Collisions) -> Collisions:
+def with_video(course: Course, found: Collisions) -> Collisions:
     """A run's collisions, with those of the video instead where neither object is influenced by the removal until then."""
-    since = dict.fromkeys(range(len(world.shapes)), math.inf) | {world.removed: -1.0}
-    for i, j, frame in sorted([*world.collisions, *found], key=lambda row: row[2]):
+    since = dict.fromkeys(range(len(course.shapes)), math.inf) | {course.removed: -1.0}
+    for i, j, frame in sorted([*course.collisions, *found], key=lambda row: row[2]):
         if min(since[i], since[j]) <= frame:  # also in a collision that does not take place any more
             since[i], since[j] = min(since[i], frame), min(since[j], frame)
 
     def is_changed(row: list[int]) -> bool:
-        return min(since[row[0]], since[row[1]]) < row[2] or world.removed in row[:2]
+        return min(since[row[0]], since[row[1]]) < row[2] or course.removed in row[:2]
 
     pause = CONTACT_PAUSE_STEPS // STEPS_PER_FRAME
-    rows = [row for row in world.collisions if not is_changed(row)]
+    rows = [row for row in course.collisions if not is_changed(row)]
     before = {(i, j): frame for i, j, frame in rows}
     rows += [row for row in found if is_changed(row) and row[2] > before.get((row[0], row[1]), -math.inf) + pause]
     return sorted(rows, key=lambda row: row[2])
@@ -155,7 +155,7 @@ def simulated_scene(truth: Mapping[str, Any]) -> SimulatedScene:
 def by_default(
     truth: Mapping[str, Any], removed: Sequence[int], backend: Any
 ) -> tuple[dict[int, Collisions], dict[str, list[float]]]:
-    """The default's collisions without each object, and the errors of its states where the worlds start.
+    """The default's collisions without each object, and the errors of its states where the courses start.
 
     Errors are those of places and velocities (lengths) of moving objects, and of the log masses, relative to their mean, of
     objects that collide in the video.
@@ -166,26 +166,26 @@ def by_default(
     observed, physics = explanation.observed, explanation.physics
     numbers = {o["color"] + o["material"] + o["shape"]: o["object_id"] for o in truth["objects"]}
     true_id = [numbers.get(o.color + o.material + o.shape, -1) for o in explanation.objects]
-    worlds, errors = {}, {name: list[float]() for name in UNITS}
+    courses, errors = {}, {name: list[float]() for name in UNITS}
     met = {t for c in truth["collisions"] if c["frame_id"] < explanation.n_frames for t in c["object_ids"]}
     for i in (i for i in removed if i in true_id):
         found = explanation.counterfactual[true_id.index(i)].collisions
         rows = [[*sorted(true_id[k] for k in e.objects), e.frame] for e in found]
-        worlds[i] = [row for row in rows if row[0] >= 0]
-        world = world_of(truth, i)
-        if world.start >= explanation.n_frames:
+        courses[i] = [row for row in rows if row[0] >= 0]
+        course = course_of(truth, i)
+        if course.start >= explanation.n_frames:
             continue
-        place, velocity = observed.location_world[:, world.start], physics.velocity_world_per_s[:, world.start]
+        place, velocity = observed.location_world[:, course.start], physics.velocity_world_per_s[:, course.start]
         for k, t in enumerate(true_id):
-            is_moving = t in world.kept and np.hypot(*world.states[t, 6:8]) > MOVING_SPEED_WORLD_PER_S
+            is_moving = t in course.kept and np.hypot(*course.states[t, 6:8]) > MOVING_SPEED_WORLD_PER_S
             if is_moving and np.isfinite([place[k], velocity[k]]).all():
-                errors["position"].append(math.dist(place[k], world.states[t, 0:2]))
-                errors["velocity"].append(math.dist(velocity[k], world.states[t, 6:8]))
+                errors["position"].append(math.dist(place[k], course.states[t, 0:2]))
+                errors["velocity"].append(math.dist(velocity[k], course.states[t, 6:8]))
         weighed = [k for k, t in enumerate(true_id) if t in met]
         if weighed:
-            off = physics.log_mass[weighed] - np.log(world.states[[true_id[k] for k in weighed], 12])
+            off = physics.log_mass[weighed] - np.log(course.states[[true_id[k] for k in weighed], 12])
             errors["log mass"] += (off - off.mean()).tolist()
-    return worlds, errors
+    return courses, errors
 
 
 def explore(runs: int, item: tuple[Path, Sequence[int]], output: Path) -> None:
@@ -196,16 +196,16 @@ def explore(runs: int, item: tuple[Path, Sequence[int]], output: Path) -> None:
     found: dict[str, dict[int, Collisions]] = {EXACT: {}}
     with Simulator() as simulator:
         for i in removed:
-            world = world_of(truth, i)
+            course = course_of(truth, i)
             told = partial(by_bullet, frames=frames, simulator=simulator), partial(by_ours, frames=frames)
-            found[EXACT][i] = most([with_video(world, told[0](world))])
-            found.setdefault(f"{MEASURED[1]}, true states", {})[i] = most([with_video(world, told[1](world))])
+            found[EXACT][i] = most([with_video(course, told[0](course))])
+            found.setdefault(f"{MEASURED[1]}, true states", {})[i] = most([with_video(course, told[1](course))])
             for error in ERRORS_WORLD:
-                measured = world._replace(states=disturbed(world.states, error, rng))
+                measured = course._replace(states=disturbed(course.states, error, rng))
                 others = (disturbed(measured.states, error, rng) for _ in range(runs - 1))
-                starts = [measured, *(world._replace(states=states) for states in others)]
+                starts = [measured, *(course._replace(states=states) for states in others)]
                 for name, tell in zip(MEASURED, told, strict=True):
-                    of_runs = [with_video(world, tell(start)) for start in starts]
+                    of_runs = [with_video(course, tell(start)) for start in starts]
                     found.setdefault(f"{name}, {error:g}", {})[i] = most(of_runs)
     found[DEFAULT], errors = by_default(truth, removed, load_default())
     write_json(output, {"found": found, "errors": errors})
@@ -223,14 +223,14 @@ def removed_by(question: Question, scene: Scene) -> int:
 def answers(
     asked: Sequence[SceneQuestions], truths: Mapping[int, Scene], documents: Mapping[int, Any], name: str
 ) -> Any:
-    """The report of all questions in the true scenes with a source's worlds."""
+    """The report of all questions in the true scenes with a source's courses."""
     executors = []
     for scene in asked:
-        worlds = {
+        courses = {
             int(i): tuple(Event("collision", f, (a, b)) for a, b, f in rows)
             for i, rows in documents[scene.scene_index]["found"][name].items()
         }
-        executors.append(Executor(replace(truths[scene.scene_index], counterfactual=worlds)))
+        executors.append(Executor(replace(truths[scene.scene_index], counterfactual=courses)))
     return score_scenes(zip(asked, executors, strict=True))["counterfactual"]
 
 

@@ -189,28 +189,28 @@ def _statement(tokens: list[str], slots: dict[str, _Slot]) -> Statement | None:
 def _complete(said: Statement, later: bool) -> Statement | None:
     """The statement with its kind and frame in place; None if it says what does not go with its kind."""
     event = said.events[0] if said.events else None
-    world = "future" if later else "counterfactual" if said.removed else ""
+    course = "future" if later else "counterfactual" if said.removed else ""
     if later and said.removed:
         return None
     if said.kind == "event":
         assert event is not None
         if said.relation or said.frame is None:
-            valid = not said.relation or (event.frame is None and not world)
-            return replace(said, kind=world or PAST_KINDS[event.kind]) if valid else None
+            valid = not said.relation or (event.frame is None and not course)
+            return replace(said, kind=course or PAST_KINDS[event.kind]) if valid else None
         event = replace(event, frame=said.frame) if event.frame is None else None
-        return replace(said, kind=world or PAST_KINDS[event.kind], frame=None, events=(event,)) if event else None
+        return replace(said, kind=course or PAST_KINDS[event.kind], frame=None, events=(event,)) if event else None
     if said.kind == "count" and event:
         said = replace(said, kind="future") if later and event.kind == "collision" and not said.relation else said
         valid = (
-            event.frame is None and (said.frame is None or bool(said.relation)) and (not world or said.kind == world)
+            event.frame is None and (said.frame is None or bool(said.relation)) and (not course or said.kind == course)
         )
     elif said.kind in ("motion", "count"):
         if said.frame is not None and said.words == ("ever moving",):
             said = replace(said, words=("moving",))
         over_video = said.words[0] not in STATES
-        valid = not world and ((said.kind == "motion" and said.frame is None) or over_video == (said.frame is None))
+        valid = not course and ((said.kind == "motion" and said.frame is None) or over_video == (said.frame is None))
     else:
-        valid = not world and said.frame is None
+        valid = not course and said.frame is None
         if said.attribute:
             valid &= len(said.words) == 1 and said.words[0] in ATTRIBUTES[said.attribute]
     return said if valid else None

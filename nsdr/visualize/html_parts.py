@@ -101,7 +101,7 @@ def _reason(choice: ChoiceAnswer, scene: Scene) -> str:
 
 
 def why_html(answer: Answer | ChoiceAnswer, scene: Scene) -> str:
-    """The explanation in sentences, those about the world without an object first."""
+    """The explanation in sentences, those about what happens without an object first."""
     sentences = sorted(reasons(answer, scene), key=lambda sentence: not sentence.startswith("Without "))
     return f"<p>{'<br>'.join(map(html.escape, sentences))}</p>"
 

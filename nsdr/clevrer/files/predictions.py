@@ -183,9 +183,9 @@ def scene_from_predictions(content: PredictionFile, n_frames: int = VIDEO_FRAMES
 def _moving(grid: Any, seen: Any, times: Any) -> Any:
     """(n, S) bool, whether an object moves at a sample: the lower of its speeds from the previous and to the next sample,
     where it was seen in both, exceeds the threshold."""
-    world = CLEVRER_CAMERA.ground(pixels_from_grid(grid))
+    location = CLEVRER_CAMERA.ground(pixels_from_grid(grid))
     seconds = np.diff(times)[:, None] * FRAME_SECONDS
-    speed = np.linalg.norm((world[:, 1:] - world[:, :-1]) / seconds, axis=-1)
+    speed = np.linalg.norm((location[:, 1:] - location[:, :-1]) / seconds, axis=-1)
     speed = np.where(seen[:, 1:] & seen[:, :-1], speed, np.inf)
     missing = np.full((len(grid), 1), np.inf)
     slower = np.minimum(np.concatenate([missing, speed], 1), np.concatenate([speed, missing], 1))
@@ -219,8 +219,8 @@ def predictions_document(prediction: DynamicsPrediction) -> dict[str, Any]:
         frames = np.arange(n_samples) * SAMPLE_FRAMES
         held = np.minimum(frames, n_rollout - 1)
         last_step = rollout.location_world[:, -1:] - rollout.location_world[:, -2:][:, :1]
-        world = rollout.location_world[:, held] + last_step * (frames - held)[:, None]
-        pixels = CLEVRER_CAMERA.pixels(on_ground(world))
+        location = rollout.location_world[:, held] + last_step * (frames - held)[:, None]
+        pixels = CLEVRER_CAMERA.pixels(on_ground(location))
         grid = grid_from_pixels(pixels)
         inside = ((pixels >= 0) & (pixels <= (WIDTH_PX, HEIGHT_PX))).all(-1) | (frames == held)
         shown = rollout.visible[:, held] & inside & np.isfinite(grid).all(-1)
