@@ -39,12 +39,12 @@ from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.questions.selection import generate_questions
 from nsdr.generate.scene_files import truth_document
 from nsdr.io.files import write_json
-from nsdr.language.slots import Slot
 from nsdr.rewards import evidence
 from nsdr.symbolic.phrases import attribute_words
 from nsdr.symbolic.program import Program
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FPS
+from nsdr.world.vocabulary import CLEVRER
 
 FIRST_SEED = 550000
 """Seed of the first scene."""
@@ -91,7 +91,7 @@ def named_objects(question: Question) -> list[str]:
         steps = Program.parse(program or ()).steps
         for index, step in enumerate(steps):
             if words := attribute_words(steps, index) if step.module else ():
-                found[f"the {Slot('N', words).text}"] = None
+                found[f"the {CLEVRER.noun_phrase(words)}"] = None
     return list(found)
 
 

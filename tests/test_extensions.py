@@ -39,6 +39,7 @@ from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.types import ObjectPhysics, UncertainEvent
 from nsdr.world.camera import Camera
 from nsdr.world.physics_constants import LOG_MASS_STD
+from nsdr.world.vocabulary import CLEVRER
 
 from .test_physics_fit import PAIRS, measured
 
@@ -278,7 +279,7 @@ def test_rules_read_every_template(name: str) -> None:
     for seed in range(3):
         for text, program in clevrer().every(name.upper(), _Any(), random.Random(seed)):
             assert extension_readings(text, kind) == [program], text
-    assert Slot("N", ("red",)).text == "red object"
+    assert Slot("N", ("red",)).text(CLEVRER) == "red object"
 
 
 @pytest.fixture(scope="module")
@@ -405,7 +406,7 @@ def test_the_physics_backend_measures_velocities_and_masses(truths) -> None:
 
 
 def _described(name: str) -> str:
-    return " ".join(["objects", *(with_filters([Slot("N", tuple(name.split()))]) or ()), "unique"])
+    return " ".join(["objects", *(with_filters([Slot("N", tuple(name.split()))], CLEVRER) or ()), "unique"])
 
 
 def test_annotations_tell_velocities_only(simulated) -> None:

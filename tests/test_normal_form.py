@@ -8,7 +8,7 @@ import pytest
 from nsdr.language import normal
 from nsdr.language.normal import OTHER_WORDS, POSTMODIFIERS, corrected, normal_form
 from nsdr.language.slots import Slot
-from nsdr.language.texts import TEXT_KINDS, draw_wording, vocabulary
+from nsdr.language.texts import TEXT_KINDS, draw_wording, normal_words
 from nsdr.language.words import rewritten_words
 from nsdr.question_parser.tokenizer import split_words
 
@@ -79,7 +79,7 @@ def test_an_attribute_named_twice_is_no_noun_phrase() -> None:
 def test_normal_forms_have_words_of_the_vocabulary_only(kind: str) -> None:
     rng = random.Random(kind)
     for _ in range(300):
-        assert set(split_words(draw_wording(kind, rng)[0])) <= set(vocabulary())
+        assert set(split_words(draw_wording(kind, rng)[0])) <= set(normal_words())
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import torch
 from nsdr import CheckpointError, DataError, GrammarParser, Program, QuestionError, QuestionParser
 from nsdr.io.checkpoint import load_checkpoint, save_checkpoint
 from nsdr.language.normal import normal_form
-from nsdr.language.texts import TEXT_KINDS, read_paraphrases, sample, vocabulary
+from nsdr.language.texts import TEXT_KINDS, normal_words, read_paraphrases, sample
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.loading import load_parser
@@ -198,7 +198,7 @@ def test_a_parser_moves_to_a_device_or_says_why_not(network: QuestionParser, tmp
 
 
 def test_the_shipped_parser_knows_the_words_of_all_wordings(network: QuestionParser) -> None:
-    assert set(network.tokenizer.words) <= set(vocabulary())
+    assert set(network.tokenizer.words) <= set(normal_words())
 
 
 def test_misspelt_words_are_corrected_with_a_note(parser: Parser) -> None:

@@ -29,7 +29,7 @@ from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.language.slots import Slot, with_filters
 from nsdr.language.texts import clevrer
 from nsdr.world.camera import Camera
-from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import ATTRIBUTES, CLEVRER, COLORS, MATERIALS, SHAPES
 
 
 @pytest.fixture(scope="module")
@@ -368,5 +368,5 @@ def test_the_grammar_enumerates_every_meaning_once() -> None:
     programs = [tuple(p) for _, p in clevrer().every("COUNTERFACTUAL", TwoWords(), random.Random(0))]
     assert len(programs) == len(set(programs)) == 4
     spheres = Slot("NS", ("metal", "sphere"))
-    assert spheres.text == "metal spheres"
-    assert with_filters([spheres]) == ["metal", "filter_material", "sphere", "filter_shape"]
+    assert spheres.text(CLEVRER) == "metal spheres"
+    assert with_filters([spheres], CLEVRER) == ["metal", "filter_material", "sphere", "filter_shape"]

@@ -15,6 +15,7 @@ from nsdr.language.texts import TEXT_KINDS, draw_wording, in_words, read_paraphr
 from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.grammar import readings
 from nsdr.question_parser.tokenizer import END, PROGRAM_TOKENS
+from nsdr.world.vocabulary import CLEVRER
 
 MAX_VALUES = 5
 """Values on the stack of the programs that are drawn at random."""
@@ -51,13 +52,13 @@ def test_rules_write_what_they_read_and_draw_each_content_in_several_wordings() 
 
 def test_slots_are_filled_with_filters_in_a_fixed_order() -> None:
     slots = [Slot("NS", ("metal", "cube")), Slot("A", ("red",)), Slot("A", ("blue",))]
-    assert filled(["objects", "#0&#1"], slots) == [
+    assert filled(["objects", "#0&#1"], slots, CLEVRER) == [
         "objects",
         *["red", "filter_color", "metal", "filter_material", "cube", "filter_shape"],
     ]
-    assert filled(["#0"], slots) == ["metal", "filter_material", "cube", "filter_shape"]
-    assert filled(["#1&#2"], slots) is None
-    assert [slot.text for slot in slots] == ["metal cubes", "red", "blue"]
+    assert filled(["#0"], slots, CLEVRER) == ["metal", "filter_material", "cube", "filter_shape"]
+    assert filled(["#1&#2"], slots, CLEVRER) is None
+    assert [slot.text(CLEVRER) for slot in slots] == ["metal cubes", "red", "blue"]
 
 
 @pytest.mark.parametrize("kind", TEXT_KINDS)

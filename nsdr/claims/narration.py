@@ -14,13 +14,12 @@ from nsdr.claims.reading import written
 from nsdr.claims.statements import PAST_KINDS, PLACES, EventPhrase, ObjectPhrase, Statement
 from nsdr.clevrer.answers.prompts import answer_text
 from nsdr.errors import ExecutionError
-from nsdr.language.slots import Slot
 from nsdr.symbolic.causal import causal_path
 from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.phrases import MOTION_FILTERS, OBJECT_FILTERS, attribute_words
 from nsdr.symbolic.program import Program, Step
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import ATTRIBUTES, CLEVRER
 
 Length = Literal["short", "long"]
 EVENT_FILTERS = {"filter_in": "in", "filter_out": "out", "filter_collision": "collision"}
@@ -95,7 +94,7 @@ class _Narration:
         for subset in (*preferred, *subsets):
             wanted = self._words(index, subset)
             if [self._words(i, subset) for i in range(len(self.scene.objects))].count(wanted) == 1:
-                return ObjectPhrase(f"the {Slot('N', wanted).text}", wanted)
+                return ObjectPhrase(f"the {CLEVRER.noun_phrase(wanted)}", wanted)
         return self.name(index)  # the words without one attribute are another object's, too
 
     def _words(self, index: int, names: Iterable[str]) -> tuple[str, ...]:
@@ -234,7 +233,7 @@ class _Narration:
             return
         members = said.objects[0] if said.objects else ObjectPhrase("object", ())
         place = PLACES[trace[order.inputs[1]].value]
-        told = (replace(members, text=Slot("N", members.words).text, definite=True), self.name(index))
+        told = (replace(members, text=CLEVRER.noun_phrase(members.words), definite=True), self.name(index))
         self.conclusions.append(Statement("order", objects=told, events=said.events, number=place))
 
     def _collected(self, steps: Sequence[Step], trace: Sequence[TraceStep], index: int) -> Statement | None:

@@ -14,10 +14,9 @@ from typing import Any
 from nsdr.claims.statements import HAPPENING, PAST_KINDS, EventPhrase, ObjectPhrase, Statement
 from nsdr.language.normal import FORMS
 from nsdr.language.rules import Rules
-from nsdr.language.slots import Slot
 from nsdr.symbolic.phrases import indefinite
 from nsdr.world.physics_constants import FPS
-from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, NOUNS
+from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, CLEVRER, NOUNS
 
 NORMAL = {
     **FORMS,
@@ -249,7 +248,7 @@ def _line(said: Statement, slots: list[_Slot]) -> list[str]:
     line += [*at(frame, "frame"), "|"] if frame is not None else []
     many = "S" if number is not None and number > 1 else ""
     if number is not None and said.objects:
-        text = f"{number or 'no'} {Slot(f'N{many}', said.objects[0].words).text}"
+        text = f"{number or 'no'} {CLEVRER.noun_phrase(said.objects[0].words, bool(many))}"
         line += [slot(f"K{many}", text), "who"]
     elif said.objects:
         line += [*things(*said.objects), "who"]
@@ -259,7 +258,7 @@ def _line(said: Statement, slots: list[_Slot]) -> list[str]:
         line += [*things(*event.objects), event.kind, *([] if happening else at(event.frame, "at"))]
     if kind == "attribute":
         noun = said.words[-1] in ATTRIBUTES["shape"] and not said.attribute
-        line += [slot("A", indefinite(Slot("N", said.words).text))] if noun else [slot("W", w) for w in said.words]
+        line += [slot("A", indefinite(CLEVRER.noun_phrase(said.words)))] if noun else [slot("W", w) for w in said.words]
         line.append("words")
     line += [f"kind={kind}"] if kind else []
     line += [f"words={said.words[0].replace(' ', '-')}"] if said.words and kind != "attribute" else []

@@ -9,12 +9,12 @@ import re
 import string
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
-from nsdr.language.slots import CATEGORY, Slot, in_order
+from nsdr.language.slots import Slot, joined, names_twice
 from nsdr.language.texts import english
 from nsdr.language.words import replacements, rewritten, rewritten_words, word_lists
-from nsdr.world.vocabulary import ADJECTIVES, NOUNS
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 MIN_CORRECTED_LETTERS = 4
 """Shorter words are not corrected, and only to words that are longer or among the lexicon's SHORT ones."""
@@ -50,17 +50,19 @@ class Normal:
         corrections: misspelt words with what they were read as.
         left_out: unknown words that were ignored.
         is_hedged: whether hedges ("probably") were left out.
+        vocabulary: of the words of objects.
     """
 
     words: tuple[str | Slot, ...]
     corrections: tuple[tuple[str, str], ...] = ()
     left_out: tuple[str, ...] = ()
     is_hedged: bool = False
+    vocabulary: Vocabulary = CLEVRER
 
     @property
     def text(self) -> str:
         """The words, separated by spaces; what the network reads."""
-        return " ".join(w if isinstance(w, str) else w.text for w in self.words)
+        return joined(self.words, self.vocabulary)
 
     @property
     def forms(self) -> tuple[str, ...]:
@@ -69,27 +71,31 @@ class Normal:
 
 
 @lru_cache(maxsize=1 << 12)
-def normal_form(text: str, keep_unknown: bool = False) -> Normal:
+def normal_form(text: str, keep_unknown: bool = False, vocabulary: Vocabulary = CLEVRER) -> Normal:
     """The normal form of a text.
 
     Args:
         text: English text.
         keep_unknown: leave unknown words as they are; they are corrected or left out otherwise.
+        vocabulary: of the words of objects.
     """
-    spelt = rewritten(re.sub("[\u2018\u2019`]", "'", text.lower()), "spellings")
+    spelt = rewritten(re.sub("[\u2018\u2019`]", "'", text.lower()), "spellings", vocabulary)
     unhedged = rewritten(spelt, "hedges")
-    words, corrections, left_out = _known_words(unhedged, keep_unknown)
-    found = rewritten_words(_in_order(_with_noun_phrases(words)), "phrases")
-    return Normal(tuple(found), corrections, left_out, unhedged != spelt)
+    words, corrections, left_out = _known_words(unhedged, keep_unknown, vocabulary)
+    found = rewritten_words(_in_order(_with_noun_phrases(words, vocabulary)), "phrases")
+    return Normal(tuple(found), corrections, left_out, unhedged != spelt, vocabulary)
 
 
-def _known_words(text: str, keep_unknown: bool) -> tuple[list[str], tuple[tuple[str, str], ...], tuple[str, ...]]:
+def _known_words(
+    text: str, keep_unknown: bool, vocabulary: Vocabulary
+) -> tuple[list[str], tuple[tuple[str, str], ...], tuple[str, ...]]:
     """Normal forms of the words, the corrected words, and those that are left out."""
+    all_known = known_words(vocabulary)
     words: list[str] = []
     corrections: list[tuple[str, str]] = []
     left_out: list[str] = []
     for word in _TOKEN.findall(text):
-        known = word if word in _KNOWN or word in _BREAKS or keep_unknown else corrected(word)
+        known = word if word in all_known or word in _BREAKS or keep_unknown else corrected(word, vocabulary)
         if not known:
             left_out.append(word)
             continue
@@ -100,13 +106,21 @@ def _known_words(text: str, keep_unknown: bool) -> tuple[list[str], tuple[tuple[
 
 
 @lru_cache(maxsize=1 << 12)
-def corrected(word: str) -> str:
+def corrected(word: str, vocabulary: Vocabulary = CLEVRER) -> str:
     """The only known word that a misspelt word can be; "" if there is none or several.
 
     One letter may be wrong, missing, too much, or two neighbours exchanged; the first letter must be right, and all be Latin.
     """
     if len(word) < MIN_CORRECTED_LETTERS or word in OTHER_WORDS or not word.isascii():
         return ""
+    near = one_letter_off(word) & _correctable(vocabulary)
+    found = sorted(near, key=lambda other: (other[-1] != word[-1], other in FORMS, other))  # "sphers" is plural
+    meanings = {_meaning(candidate, vocabulary) for candidate in found}
+    return found[0] if len(meanings) == 1 else ""
+
+
+def one_letter_off(word: str) -> set[str]:
+    """What a word may be misspelt from, by one letter behind the first."""
     near: set[str] = set()
     for i in range(1, len(word) + 1):
         head, tail = word[:i], word[i:]
@@ -116,16 +130,16 @@ def corrected(word: str) -> str:
             near.update(head + letter + tail[1:] for letter in string.ascii_lowercase)
         if len(tail) > 1:
             near.add(head + tail[1] + tail[0] + tail[2:])
-    found = sorted(near & _CORRECTABLE, key=lambda candidate: candidate[-1] != word[-1])  # "sphers" is plural
-    meanings = {_meaning(candidate) for candidate in found}
-    return found[0] if len(meanings) == 1 else ""
+    return near
 
 
-def _meaning(word: str) -> object:
-    return NOUNS.get(word, ("",))[:1] if word in NOUNS else ADJECTIVES.get(word) or FORMS.get(word, word)
+def _meaning(word: str, vocabulary: Vocabulary) -> object:
+    if word in vocabulary.nouns:
+        return vocabulary.nouns[word][:1]
+    return vocabulary.adjectives.get(word) or FORMS.get(word, word)
 
 
-def _with_noun_phrases(words: Sequence[str]) -> list[str | Slot]:
+def _with_noun_phrases(words: Sequence[str], vocabulary: Vocabulary) -> list[str | Slot]:
     """Words, in which noun phrases and attribute words are joined.
 
     >>> normal_form("How many cubes made of metal enter?").text
@@ -133,32 +147,33 @@ def _with_noun_phrases(words: Sequence[str]) -> list[str | Slot]:
     >>> normal_form("Does the grey ball exit after the metal one?").text  # "one" has the shape of the noun before it
     'do the gray sphere exit after the metal sphere'
     """
+    adjectives, nouns = vocabulary.adjectives, vocabulary.nouns
     parts: list[str | Slot] = []
     attributes: list[str] = []
     last_shape = ""
     for word in words:
-        if word in ADJECTIVES:
-            attributes.append(ADJECTIVES[word])
+        if word in adjectives:
+            attributes.append(adjectives[word])
             continue
-        if word in NOUNS or (word in ("one", "ones") and attributes):
-            has_shape = any(CATEGORY[w] == "shape" for w in attributes)
+        if word in nouns or (word in ("one", "ones") and attributes):
+            has_shape = any(vocabulary.attributes[w] == "shape" for w in attributes)
             one = ("" if has_shape else last_shape, "NS" if word == "ones" else "N")  # "the red cube and the blue one"
-            shape, form = NOUNS.get(word, one)
+            shape, form = nouns.get(word, one)
             last_shape = shape
-            _append_slot(parts, form, [*attributes, *([shape] if shape else [])])
+            _append_slot(parts, form, [*attributes, *([shape] if shape else [])], vocabulary)
             attributes = []
             continue
         if attributes and word != ",":
-            _append_slot(parts, "A", attributes)
+            _append_slot(parts, "A", attributes, vocabulary)
             attributes = []
         if word != "," or not attributes:
             parts.append(word)
     if attributes:
-        _append_slot(parts, "A", attributes)
-    return _with_pairs(_with_postmodifiers(parts))
+        _append_slot(parts, "A", attributes, vocabulary)
+    return _with_pairs(_with_postmodifiers(parts, vocabulary), vocabulary)
 
 
-def _with_pairs(parts: list[str | Slot]) -> list[str | Slot]:
+def _with_pairs(parts: list[str | Slot], vocabulary: Vocabulary) -> list[str | Slot]:
     """Words, in which two objects that share a noun have one each.
 
     >>> normal_form("Do the red and the blue cube collide?").text
@@ -172,19 +187,19 @@ def _with_pairs(parts: list[str | Slot]) -> list[str | Slot]:
         if parts[i - 1] != "the" or parts[i + 1] != "and" or not isinstance(first, Slot) or first.form != "A":
             continue
         if isinstance(second, Slot) and (second.form == "NS" or (second.form == "N" and end == i + 3)):
-            named = {CATEGORY[w] for w in first.words}
-            both = [w for w in second.words if CATEGORY[w] not in named]
-            pair = Slot("N", in_order((*first.words, *both))), "and", "the", Slot("N", second.words)
+            named = {vocabulary.attributes[w] for w in first.words}
+            both = [w for w in second.words if vocabulary.attributes[w] not in named]
+            pair = Slot("N", vocabulary.in_order((*first.words, *both))), "and", "the", Slot("N", second.words)
             return [*parts[:i], *pair, *parts[end + 1 :]]
     return parts
 
 
-def _append_slot(parts: list[str | Slot], form: str, words: Sequence[str]) -> None:
+def _append_slot(parts: list[str | Slot], form: str, words: Sequence[str], vocabulary: Vocabulary) -> None:
     """Append a noun phrase; words that name an attribute twice stay apart, so that no rule fits."""
-    if len({CATEGORY[w] for w in words}) < len(words):
+    if names_twice(words, vocabulary):
         parts += [Slot("A", (word,)) for word in words]
         return
-    parts.append(Slot(form if words else {"N": "O", "NS": "OS"}[form], in_order(words)))
+    parts.append(Slot(form if words else {"N": "O", "NS": "OS"}[form], vocabulary.in_order(words)))
 
 
 POSTMODIFIERS = {
@@ -200,7 +215,7 @@ POSTMODIFIERS = {
 """Words between a noun and an attribute that belongs to it, each with a text that has them and its normal form."""
 
 
-def _with_postmodifiers(parts: list[str | Slot]) -> list[str | Slot]:
+def _with_postmodifiers(parts: list[str | Slot], vocabulary: Vocabulary) -> list[str | Slot]:
     """Words, in which attributes behind a noun (`POSTMODIFIERS`) have joined it."""
     i = 0
     while i < len(parts):
@@ -213,9 +228,10 @@ def _with_postmodifiers(parts: list[str | Slot]) -> list[str | Slot]:
             if not isinstance(noun, Slot) or noun.form == "A" or not isinstance(attribute, Slot):
                 continue
             if attribute.form == "A" and tuple(parts[i + 1 : end]) == words:
-                joined: list[str | Slot] = []
-                _append_slot(joined, "NS" if noun.form.endswith("S") else "N", (*noun.words, *attribute.words))
-                parts[i : end + 1] = joined
+                both: list[str | Slot] = []
+                form = "NS" if noun.form.endswith("S") else "N"
+                _append_slot(both, form, (*noun.words, *attribute.words), vocabulary)
+                parts[i : end + 1] = both
                 break
         i += 1
     return parts
@@ -301,17 +317,24 @@ def _words_of_patterns() -> set[str]:
     return found
 
 
-_CENTRAL = frozenset(
-    FORMS.keys()
-    | {word for form in FORMS.values() for word in form.split()}
-    | ADJECTIVES.keys()
-    | NOUNS.keys()
-    | english().words
-)
-_KNOWN = frozenset({"one", "ones"} | FUNCTION_WORDS | _CENTRAL | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns())
-"""All words that a text may have."""
-_CORRECTABLE = frozenset(
-    {word for word in _CENTRAL if len(word) > MIN_CORRECTED_LETTERS or word in _SHORT}
-    | {word for word in _KNOWN if len(word) >= LONG_LETTERS}
-)
-"""Words that misspelt ones are corrected to."""
+@cache
+def _central_words(vocabulary: Vocabulary) -> frozenset[str]:
+    """Known words but function words and those of phrases."""
+    of_forms = FORMS.keys() | {word for form in FORMS.values() for word in form.split()}
+    return frozenset(of_forms | vocabulary.adjectives.keys() | vocabulary.nouns.keys() | english(vocabulary).words)
+
+
+@cache
+def known_words(vocabulary: Vocabulary = CLEVRER) -> frozenset[str]:
+    """All words that a text may have."""
+    of_english = {"one", "ones"} | FUNCTION_WORDS | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns()
+    return frozenset(of_english | _central_words(vocabulary))
+
+
+@cache
+def _correctable(vocabulary: Vocabulary) -> frozenset[str]:
+    """Words that misspelt ones are corrected to."""
+    colors = [word for color in vocabulary.colors for word in (color.word, *color.synonyms)]
+    short = {word for word in _SHORT.union(colors, vocabulary.words["shape"]) if len(word) == MIN_CORRECTED_LETTERS}
+    central = {word for word in _central_words(vocabulary) if len(word) > MIN_CORRECTED_LETTERS or word in short}
+    return frozenset(central | {word for word in known_words(vocabulary) if len(word) >= LONG_LETTERS})

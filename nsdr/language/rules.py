@@ -20,7 +20,7 @@ from typing import Protocol, TypeVar
 
 from nsdr.language.slots import SLOT_FORMS, Slot, filled, text_of, with_filters
 from nsdr.language.writing import Writer
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import CLEVRER, NAMES, Vocabulary
 
 Pair = tuple[str, list[str]]
 """A text or a part of one, and its postfix tokens."""
@@ -118,12 +118,17 @@ class Rules:
         text: lines of the notation; empty lines and lines that start with # are skipped.
         slots: symbols of slots, and the words that stand for them in a text that is read.
         normal: normal forms of words. What a pattern writes "enters" is read in its normal form.
+        vocabulary: of the words of noun phrases.
     """
 
     def __init__(
-        self, text: str, slots: Mapping[str, Sequence[str]] = SLOT_FORMS, normal: Mapping[str, str] | None = None
+        self,
+        text: str,
+        slots: Mapping[str, Sequence[str]] = SLOT_FORMS,
+        normal: Mapping[str, str] | None = None,
+        vocabulary: Vocabulary = CLEVRER,
     ) -> None:
-        self.slots = slots
+        self.slots, self.vocabulary = slots, vocabulary
         self._rules: dict[str, list[_Rule]] = {}
         for line in _lines(text):
             head = _HEAD.fullmatch(line)
@@ -147,7 +152,7 @@ class Rules:
     def read(self, symbol: str, words: Sequence[str | Slot]) -> list[list[str]]:
         """All programs of a text as a symbol."""
         forms = tuple(w if isinstance(w, str) else w.form for w in words)
-        found = (filled(program, words) for program in self.readings(symbol, forms))
+        found = (filled(program, words, self.vocabulary) for program in self.readings(symbol, forms))
         return [list(t) for t in dict.fromkeys(tuple(tokens) for tokens in found if tokens is not None)]
 
     def write(
@@ -170,9 +175,9 @@ class Rules:
         """A random text of a symbol with its program."""
         while True:
             words, program = self._made(_Part(symbol=symbol), Chooser(rng), phrases)
-            tokens = with_filters(program)
+            tokens = with_filters(program, self.vocabulary)
             if tokens is not None:
-                return text_of(words), tokens
+                return text_of(words, self.vocabulary), tokens
 
     def every(self, symbol: str, phrases: Phrases, rng: random.Random) -> Iterator[Pair]:
         """All contents of a symbol, each in one random wording.
@@ -185,9 +190,9 @@ class Rules:
         path: list[tuple[int, int]] = []
         while True:
             words, program = self._made(_Part(symbol=symbol), _Replay(path, rng), phrases)
-            tokens = with_filters(program)
+            tokens = with_filters(program, self.vocabulary)
             if tokens is not None:
-                yield text_of(words), tokens
+                yield text_of(words, self.vocabulary), tokens
             while path and path[-1][0] + 1 == path[-1][1]:
                 path.pop()
             if not path:
@@ -234,9 +239,10 @@ class Rules:
 
 
 @cache
-def load_rules(package: str, *names: str) -> Rules:
-    """The rules of the files `NAME.rules` in a package's folder, joined."""
-    return Rules("\n".join(files(package).joinpath(f"{name}.rules").read_text("utf-8") for name in names))
+def load_rules(vocabulary: Vocabulary, *names: str) -> Rules:
+    """The rules of the files `NAME.rules` of this package, joined."""
+    text = "\n".join(files("nsdr.language").joinpath(f"{name}.rules").read_text("utf-8") for name in names)
+    return Rules(text, vocabulary=vocabulary)
 
 
 class _Reader:
@@ -293,7 +299,7 @@ def _composed(program: tuple[str, ...], bound: _Bound) -> tuple[str, ...]:
 def _lines(text: str) -> Iterator[str]:
     for line in text.splitlines():
         if "<attribute>" in line.lower() and not line.startswith("#"):
-            for name in ATTRIBUTES:
+            for name in NAMES:
                 yield line.replace("<attribute>", name).replace("<ATTRIBUTE>", name.upper())
         elif line.strip() and not line.startswith("#"):
             yield line

@@ -9,9 +9,9 @@ from typing import Any
 from nsdr.errors import ProgramError
 from nsdr.io.reading import parse_json
 from nsdr.language.rules import Chooser, Pair, Rules, load_rules
-from nsdr.language.slots import CATEGORY, Slot, in_order, text_of
+from nsdr.language.slots import Slot, names_twice, text_of
 from nsdr.symbolic.program import CHOICE_KINDS, Program, ProgramSource
-from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 START_SYMBOLS = {"descriptive": "DESCRIPTIVE", "multiple_choice": "MULTIPLE", "choice": "CHOICE"}
 """The symbol of each kind of text, in all sets of rules."""
@@ -29,36 +29,33 @@ MAX_TOKENS = 40
 """Longest program of another wording that is drawn (tokens)."""
 
 
-def english() -> Rules:
+def english(vocabulary: Vocabulary = CLEVRER) -> Rules:
     """The rules of texts in normal form."""
-    return load_rules("nsdr.language", "read_english")
+    return load_rules(vocabulary, "read_english")
 
 
-def clevrer() -> Rules:
+def clevrer(vocabulary: Vocabulary = CLEVRER) -> Rules:
     """The rules of CLEVRER's own texts, and of those beyond it that the generator asks."""
-    return load_rules("nsdr.language", "write_clevrer", "write_beyond")
-
-
-def random_words(rng: random.Random) -> tuple[str, ...]:
-    """Random attribute words of a single object, at least one."""
-    used = [name for name, probability in WORD_PROBABILITIES.items() if rng.random() < probability]
-    return tuple(rng.choice(ATTRIBUTES[name]) for name in used or ["color"])
+    return load_rules(vocabulary, "write_clevrer", "write_beyond")
 
 
 class _RandomWords:
-    def __init__(self, rng: random.Random, bare: dict[str, float]) -> None:
-        self.rng, self.bare = rng, bare
+    """Random attribute words; implements `nsdr.language.rules.Phrases`."""
+
+    def __init__(self, rng: random.Random, bare: dict[str, float], vocabulary: Vocabulary) -> None:
+        self.rng, self.bare, self.known = rng, bare, vocabulary.words
 
     def words(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
         if use == "attribute":
-            return (self.rng.choice(COLORS + MATERIALS),)
+            return (self.rng.choice(self.known["color"] + self.known["material"]),)
         if self.rng.random() < self.bare[use]:
             return ()
-        named = ATTRIBUTES.get(without, ())
-        return tuple(word for word in random_words(self.rng) if word not in named)
+        used = [name for name, probability in WORD_PROBABILITIES.items() if self.rng.random() < probability]
+        chosen = {name: self.rng.choice(self.known[name]) for name in used or ["color"]}
+        return tuple(word for name, word in chosen.items() if name != without)
 
 
-def sample(kind: str, rng: random.Random) -> Pair:
+def sample(kind: str, rng: random.Random, vocabulary: Vocabulary = CLEVRER) -> Pair:
     """A random text of CLEVRER's wordings and its program's tokens.
 
     Objects are described by random attribute words, so that a text need not fit any scene.
@@ -66,23 +63,27 @@ def sample(kind: str, rng: random.Random) -> Pair:
     Args:
         kind: "descriptive", "multiple_choice" or "choice".
         rng: draws the text.
+        vocabulary: of the attribute words.
     """
-    return clevrer().draw(START_SYMBOLS[kind], rng, _RandomWords(rng, BARE_PROBABILITIES))
+    words = _RandomWords(rng, BARE_PROBABILITIES, vocabulary)
+    return clevrer(vocabulary).draw(START_SYMBOLS[kind], rng, words)
 
 
-def draw_wording(kind: str, rng: random.Random) -> Pair:
+def draw_wording(kind: str, rng: random.Random, vocabulary: Vocabulary = CLEVRER) -> Pair:
     """A random text of a kind in normal form, and its program's tokens."""
+    words = _RandomWords(rng, BARE_WORDING_PROBABILITIES, vocabulary)
     while True:
-        text, tokens = english().draw(START_SYMBOLS[kind], rng, _RandomWords(rng, BARE_WORDING_PROBABILITIES))
+        text, tokens = english(vocabulary).draw(START_SYMBOLS[kind], rng, words)
         if len(tokens) <= MAX_TOKENS:
             return text, tokens
 
 
 @cache
-def vocabulary() -> tuple[str, ...]:
+def normal_words(vocabulary: Vocabulary = CLEVRER) -> tuple[str, ...]:
     """All words of normal forms."""
-    nouns = {f"{shape}{ending}" for shape in (*ATTRIBUTES["shape"], "object") for ending in ("", "s")}
-    return tuple(sorted(english().words | nouns | {*COLORS, *MATERIALS}))
+    objects: list[tuple[str, ...]] = [(), *((shape,) for shape in vocabulary.words["shape"])]
+    nouns = {vocabulary.noun_phrase(words, is_plural) for words in objects for is_plural in (False, True)}
+    return tuple(sorted(english(vocabulary).words | nouns | vocabulary.attributes.keys()))
 
 
 def kind_of(program: Program) -> str:
@@ -92,7 +93,7 @@ def kind_of(program: Program) -> str:
     return "choice" if program.result in CHOICE_KINDS else "descriptive"
 
 
-def in_words(program: ProgramSource) -> str:
+def in_words(program: ProgramSource, vocabulary: Vocabulary = CLEVRER) -> str:
     """The question or choice that a program stands for, such as "How many moving red cubes are there when the video ends?".
 
     It is read as that program again, for all programs of CLEVRER's texts and their other wordings.
@@ -100,9 +101,9 @@ def in_words(program: ProgramSource) -> str:
     Raises:
         ProgramError: the program is not well-formed, or none that a question or choice stands for.
     """
-    parsed = Program.parse(program)
-    rules = load_rules("nsdr.language", "write_clevrer", "write_beyond", "write_other")
-    tokens, slots = _with_slots(parsed.tokens)
+    parsed = Program.parse(program, vocabulary)
+    rules = load_rules(vocabulary, "write_clevrer", "write_beyond", "write_other")
+    tokens, slots = _with_slots(parsed.tokens, vocabulary)
     forms = [("N", "NS", "A") if words else ("O", "OS", "") for words in slots]
     try:
         found = rules.write(START_SYMBOLS[kind_of(parsed)], tokens, forms)
@@ -110,11 +111,12 @@ def in_words(program: ProgramSource) -> str:
         found = None
     if found is None:
         raise ProgramError("no question or choice stands for the program")
-    text = text_of([w if isinstance(w, str) else Slot("NS" if w[0] == "NS" else "N", slots[w[1]]) for w in found])
+    written = [w if isinstance(w, str) else Slot("NS" if w[0] == "NS" else "N", slots[w[1]]) for w in found]
+    text = text_of(written, vocabulary)
     return text[:1].upper() + text[1:]
 
 
-def _with_slots(program: Sequence[str]) -> tuple[list[str], list[tuple[str, ...]]]:
+def _with_slots(program: Sequence[str], vocabulary: Vocabulary) -> tuple[list[str], list[tuple[str, ...]]]:
     """A program with `#i` after each `objects` for the filters that follow, and the attribute words of each slot."""
     tokens: list[str] = []
     slots: list[tuple[str, ...]] = []
@@ -124,12 +126,12 @@ def _with_slots(program: Sequence[str]) -> tuple[list[str], list[tuple[str, ...]
         if tokens[-1] != "objects":
             continue
         words: list[str] = []
-        while rest and rest[1:2] == [f"filter_{CATEGORY.get(rest[0])}"]:
+        while rest and rest[1:2] == [f"filter_{vocabulary.attributes.get(rest[0])}"]:
             words.append(rest[0])
             del rest[:2]
-        if len({CATEGORY[w] for w in words}) < len(words):
+        if names_twice(words, vocabulary):
             raise ProgramError("no question or choice stands for the program")
-        found = in_order(words)
+        found = vocabulary.in_order(words)
         slots += [] if found in slots else [found]
         tokens.append(f"#{slots.index(found)}")
     return tokens, slots

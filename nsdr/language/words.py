@@ -1,18 +1,21 @@
 """The word files: lists of words, and replacements that stand one after the other, each with the sentence that it is for.
 
-A line of a file of replacements is `pattern => replacement`; `<name>` in a pattern stands for what a line `<name> = ...` says.
+A line of a file of replacements is `pattern => replacement`; `<name>` in a pattern stands for what a line `<name> = ...` says,
+and `<adjective>`, `<material>` and `<shape>` for any such word of the vocabulary. A line with `<noun>` stands for one line for
+each noun for a shape, and for "object"; `<nouns>` is its plural.
 The indented line below it, `text -> result`, is the sentence that the line is for, and what becomes of it. A list of words is
 `head: word word ...`, continued on indented lines. Lines that start with # are comments.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
 
 from nsdr.errors import DataError
 from nsdr.language.slots import Slot
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 _SLOT = re.compile(r"\b(?:N|NS|O|OS|A)\b")
 _GROUP = re.compile(r"\\(\d)")
@@ -34,13 +37,22 @@ class Replacement:
     result: str
 
 
-def read_replacements(content: str, name: str) -> tuple[Replacement, ...]:
+def read_replacements(content: str, name: str, vocabulary: Vocabulary = CLEVRER) -> tuple[Replacement, ...]:
     """The replacements of a file's content, in its order.
+
+    Args:
+        content: of the file.
+        name: of the file, for errors.
+        vocabulary: of the words of objects.
 
     Raises:
         DataError: a line has no replacement or no sentence, or a pattern stands twice; names the file and the line.
     """
-    names: dict[str, str] = {}
+    names = {
+        "<adjective>": _any_of(vocabulary.adjectives),
+        **{f"<{attribute}>": _any_of(words) for attribute, words in vocabulary.words.items()},
+    }
+    nouns = {"object": "objects"} | {one: many for shape in vocabulary.shapes for one, many in shape.plurals.items()}
     found: dict[str, Replacement] = {}
     lines = _lines(content)
     while lines:
@@ -57,10 +69,23 @@ def read_replacements(content: str, name: str) -> tuple[Replacement, ...]:
             raise DataError(f"{name}.txt: {line!r} has no sentence; write one below it, as 'text -> result'")
         for key in reversed(names):
             pattern = pattern.replace(key, names[key])
-        if pattern in found:
-            raise DataError(f"{name}.txt: {line!r} stands twice; remove one of the lines")
-        found[pattern] = Replacement(re.compile(pattern), f" {template.strip()} ", text.strip(), result.strip())
+        for one, many in nouns.items() if "<noun>" in pattern else [("", "")]:
+            of_noun, template_of_noun = (
+                part.replace("<nouns>", many).replace("<noun>", one) for part in (pattern, template)
+            )
+            if of_noun in found:
+                raise DataError(f"{name}.txt: {line!r} stands twice; remove one of the lines")
+            replacement = f" {template_of_noun.strip()} "
+            found[of_noun] = Replacement(_compiled(of_noun), replacement, text.strip(), result.strip())
     return tuple(found.values())
+
+
+_compiled = cache(re.compile)
+"""Patterns without words of objects are the same for all vocabularies."""
+
+
+def _any_of(words: Iterable[str]) -> str:
+    return f"(?:{'|'.join(words)})"
 
 
 def read_word_lists(content: str, name: str) -> dict[str, list[str]]:
@@ -90,10 +115,21 @@ def _content(name: str) -> str:
     return files("nsdr.language").joinpath(f"{name}.txt").read_text("utf-8")
 
 
+def pattern_words(name: str) -> set[str]:
+    """The words of English in the patterns and replacements of the file `NAME.txt`, without those of examples."""
+    found: set[str] = set()
+    for line in _lines(_content(name)):
+        if not line.startswith(" "):
+            line = re.sub(r"<[a-z ]+>|\\.|[a-z](?=\])", " ", line).replace("[", "")  # summari[sz]e
+            for variant in (re.sub(r"([a-z])\?", r"\1", line), re.sub(r"[a-z]\?", "", line)):  # colou?r
+                found.update(re.findall(r"(?<![A-Za-z?])[a-z]+", variant))
+    return found
+
+
 @cache
-def replacements(name: str) -> tuple[Replacement, ...]:
+def replacements(name: str, vocabulary: Vocabulary = CLEVRER) -> tuple[Replacement, ...]:
     """The replacements of the file `NAME.txt`."""
-    return read_replacements(_content(name), name)
+    return read_replacements(_content(name), name, vocabulary)
 
 
 def word_lists(name: str) -> dict[str, list[str]]:
@@ -101,9 +137,9 @@ def word_lists(name: str) -> dict[str, list[str]]:
     return read_word_lists(_content(name), name)
 
 
-def rewritten(text: str, name: str) -> str:
+def rewritten(text: str, name: str, vocabulary: Vocabulary = CLEVRER) -> str:
     """A text with the replacements of the file `NAME.txt`."""
-    for line in replacements(name):
+    for line in replacements(name, vocabulary):
         changed = line.pattern.sub(line.template, text)
         if changed != text:
             text = " ".join(changed.split())
@@ -111,7 +147,10 @@ def rewritten(text: str, name: str) -> str:
 
 
 def rewritten_words(words: Sequence[str | Slot], name: str) -> list[str | Slot]:
-    """Words with the replacements of the file `NAME.txt`; noun phrases go where the replacements put them."""
+    """Words with the replacements of the file `NAME.txt`; noun phrases go where the replacements put them.
+
+    They are replaced by their forms, so the file has no words of objects.
+    """
     slots = [word for word in words if isinstance(word, Slot)]
     found, order = _rewritten_forms(" ".join(word if isinstance(word, str) else word.form for word in words), name)
     numbers = iter(order)

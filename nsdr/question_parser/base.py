@@ -10,10 +10,17 @@ from nsdr.question_parser.suggestions import QUESTION_KINDS, intervention_hint, 
 from nsdr.symbolic import Program
 from nsdr.symbolic.program import CHOICE_KINDS, SAID_KINDS, TOLD_KINDS, ProgramSource
 from nsdr.types import Scene
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 
 class Parser(ABC):
-    """Turns texts into programs."""
+    """Turns texts into programs.
+
+    Attributes:
+        vocabulary: the words of objects that it knows.
+    """
+
+    vocabulary: Vocabulary = CLEVRER
 
     @abstractmethod
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
@@ -39,6 +46,12 @@ class Parser(ABC):
         if isinstance(program, NsdrError):
             raise program
         return program
+
+
+def vocabulary_of(parser: Parser) -> Vocabulary:
+    """The words of objects that any parser knows: CLEVRER's, if it does not say them."""
+    vocabulary: Vocabulary = getattr(parser, "vocabulary", CLEVRER)
+    return vocabulary
 
 
 def parse_texts(parser: Parser, texts: Sequence[str], kind: str) -> list[Program | NsdrError]:
@@ -82,8 +95,9 @@ def read_programs(
     for name, given in (("choices", choices), ("choice_programs", choice_programs)):
         if isinstance(given, str):
             raise QuestionError(f"{name}: expected a list, such as [{given!r:.60}], got a text")
+    vocabulary = vocabulary_of(parser)
     if program is not None:
-        parsed = Program.parse(program)
+        parsed = Program.parse(program, vocabulary)
     else:
         found = _parsed(parser, question, "multiple_choice" if choices or choice_programs else "descriptive", scene)
         if isinstance(found, QuestionError) and choices:
@@ -102,14 +116,15 @@ def read_programs(
     if choice_programs is not None:
         if choices is not None and len(choices) != len(choice_programs):
             raise QuestionError(f"{len(choices)} choices but {len(choice_programs)} choice programs")
-        return parsed, [Program.parse(p) for p in choice_programs]
+        return parsed, [Program.parse(p, vocabulary) for p in choice_programs]
     return parsed, [_parsed(parser, choice, "choice", scene) for choice in choices or ()]
 
 
 def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Program | QuestionError:
     """The program that the text is or stands for; or why it has none, and the nearest texts that have one."""
+    vocabulary = vocabulary_of(parser)
     with suppress(ProgramError):
-        program = Program.parse(text)
+        program = Program.parse(text, vocabulary)
         if program.result in (CHOICE_KINDS if kind == "choice" else SAID_KINDS):
             return program
     try:
@@ -118,5 +133,5 @@ def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Progra
         if isinstance(e, EndpointError):  # of the parser, whatever the text is
             raise
         kinds, what = ((kind,), "options") if kind == "choice" else (QUESTION_KINDS, "questions")
-        hint = "" if kind == "choice" else intervention_hint(text)
-        return QuestionError(str(e) + hint, nearest_questions(text, scene, *kinds), what)
+        hint = "" if kind == "choice" else intervention_hint(text, vocabulary)
+        return QuestionError(str(e) + hint, nearest_questions(text, scene, *kinds, vocabulary=vocabulary), what)

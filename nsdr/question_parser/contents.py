@@ -13,6 +13,7 @@ from nsdr.language.rules import Rules, load_rules
 from nsdr.language.slots import Slot
 from nsdr.language.words import rewritten_words
 from nsdr.question_parser.tokenizer import split_words
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 SYMBOLS = {"descriptive": "CONTENTS", "multiple_choice": "WHICH"}
 """The symbol of each kind of text; a choice has too few words to tell what it says without their order."""
@@ -39,19 +40,20 @@ _MALFORMED = re.compile(
 """Of texts that are no sentences, or that negate something else than what happens."""
 
 
-def content_readings(text: str, kind: str) -> list[list[str]]:
+def content_readings(text: str, kind: str, vocabulary: Vocabulary = CLEVRER) -> list[list[str]]:
     """The programs of a text by its contents, mostly none or one.
 
     Args:
         text: English text without unknown words.
         kind: "descriptive" or "multiple_choice"; a "choice" has none.
+        vocabulary: of the words of objects.
     """
     if kind not in SYMBOLS or AMBIGUOUS.intersection(split_words(text)):
         return []
-    normal = normal_form(text)
+    normal = normal_form(text, vocabulary=vocabulary)
     words = rewritten_words(normal.words, "contents")
     forms = [word if isinstance(word, str) else word.form for word in words]
-    rules = load_rules("nsdr.language", "read_english", "read_contents")
+    rules = load_rules(vocabulary, "read_english", "read_contents")
     start, end = _clause_of_time(rules, words)
     if _MALFORMED.search(" ".join([*forms[:start], *forms[end:]])):
         return []

@@ -14,7 +14,7 @@ from nsdr.language.slots import Slot
 from nsdr.language.texts import clevrer
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 SYMBOLS = {
     "descriptive": ("EVENTS", "MOTION", "QUERY"),
@@ -50,8 +50,6 @@ REMOVALS = frozenset(
 about removals."""
 _SIDE_ASKED = re.compile(r"\b(?:after|before) (?:how|what|which)\b")
 """A text that asks what is before an event may mean to ask for what is before it, or the reverse."""
-ANY_NAMES = (("red", "cube"), ("blue", "sphere"))
-"""Objects of the suggestions where neither a scene nor the text names any."""
 FUNCTION_WEIGHT = 0.2
 """Weight of function words beside that of others (1) in the similarity of two texts."""
 ORDER_WEIGHT = 0.3
@@ -64,7 +62,7 @@ CHANGES = {
     r"fast|faster|slow|slower|speed|velocity|quicker": '--velocity "OBJECT=x2"',
     r"frozen|fixed|held|glued": '--freeze "OBJECT"',
     r"moved|shifted|elsewhere": '--shift "OBJECT=0,0.4"',
-    r"added|add|another": '--add "red metal cube=1,0"',
+    r"added|add|another": '--add "EXAMPLE=1,0"',
 }
 """Options of `nsdr simulate` for what no question expresses, by words that ask for it."""
 SUGGESTED = 3
@@ -76,60 +74,75 @@ COMPARED = 60
 class _Names:
     """Descriptions of objects; implements `nsdr.language.rules.Phrases`."""
 
-    def __init__(self, names: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> None:
-        self.names, self.classes = list(names), classes
+    def __init__(
+        self, names: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]], vocabulary: Vocabulary
+    ) -> None:
+        self.names, self.classes, self.vocabulary = list(names), classes, vocabulary
 
     def words(self, choose: Chooser, use: str, without: str) -> tuple[str, ...]:
         if use == "one":
             return choose.pick(self.names)
-        kept = [words for words in self.classes if not set(words).intersection(ATTRIBUTES.get(without, ()))]
+        named = self.vocabulary.words.get(without, ())
+        kept = [words for words in self.classes if not set(words).intersection(named)]
         return () if use == "enters" else choose.pick(kept)
 
 
-def intervention_hint(text: str) -> str:
+def any_names(vocabulary: Vocabulary) -> list[tuple[str, ...]]:
+    """Two objects for suggestions where neither a scene nor the text names any: red cube and blue sphere in CLEVRER's words."""
+    colors, shapes = vocabulary.words["color"], vocabulary.words["shape"]
+    names = [(colors[i % len(colors)], shapes[(i - 1) % len(shapes)]) for i in (1, 2)]
+    return list(dict.fromkeys(names))
+
+
+def intervention_hint(text: str, vocabulary: Vocabulary = CLEVRER) -> str:
     """What to do for a question about a changed world that no program expresses; "" for other texts."""
     lower, options = text.lower(), []
     if _CONDITION.search(lower) and _RESULT.search(lower):
         options = [option for words, option in CHANGES.items() if re.search(rf"\b(?:{words})\b", lower)]
-    words = normal_form(text).words
-    named = [word.text for word in words if isinstance(word, Slot) and word.words]
-    if not options and "without" in _meanings(text) and "and" in words and len(named) == 2:
+    words = normal_form(text, vocabulary=vocabulary).words
+    named = [word.text(vocabulary) for word in words if isinstance(word, Slot) and word.words]
+    if not options and "without" in _meanings(text, vocabulary) and "and" in words and len(named) == 2:
         options = [f'--remove "{name}"' for name in named]
-    return f"; nsdr simulate VIDEO {' '.join(options)} says what would happen" if options else ""
+    said = " ".join(options).replace("EXAMPLE", vocabulary.example)
+    return f"; nsdr simulate VIDEO {said} says what would happen" if options else ""
 
 
-def nearest_questions(text: str, scene: Scene | None, *kinds: str) -> list[str]:
+def nearest_questions(text: str, scene: Scene | None, *kinds: str, vocabulary: Vocabulary = CLEVRER) -> list[str]:
     """Well-formed texts that are most similar to a text.
 
     Args:
         text: a text that was refused.
         scene: the texts name its objects and can be executed on it; None for objects that the text names, if any.
         kinds: of the texts: "descriptive", "multiple_choice" or "choice".
+        vocabulary: of the words of objects.
 
     Returns:
         The most similar first, always the same for the same arguments.
     """
-    said = _meanings(text)
-    named = dict.fromkeys(word.words for word in normal_form(text).words if isinstance(word, Slot) and word.words)
-    names = (list(named) or list(ANY_NAMES)) if scene is None else _names_in_scene(said, scene)
+    said, others = _meanings(text, vocabulary), any_names(vocabulary)
+    words = normal_form(text, vocabulary=vocabulary).words
+    named = dict.fromkeys(word.words for word in words if isinstance(word, Slot) and word.words)
+    names = (list(named) or others) if scene is None else _names_in_scene(said, scene)
     if not names:
         return []
     shapes = [
-        (shape,) for shape in ATTRIBUTES["shape"] if scene is None or any(o.shape == shape for o in scene.objects)
+        (shape,) for shape in vocabulary.words["shape"] if scene is None or any(o.shape == shape for o in scene.objects)
     ]
-    phrases = _Names(names, list(dict.fromkeys([(), *names, *shapes])))
+    phrases = _Names(names, list(dict.fromkeys([(), *names, *shapes])), vocabulary)
     if scene is None and len(names) < 2:  # a collision takes two
-        phrases.names = [*names, *(other for other in ANY_NAMES if other not in names)]
+        phrases.names = [*names, *(other for other in others if other not in names)]
     symbols = [symbol for kind in kinds for symbol in SYMBOLS[kind]]
     if "COUNTERFACTUAL" in symbols and "without" in said and (scene is None or scene.counterfactual):
         symbols = ["COUNTERFACTUAL"]
-    pairs = [pair for symbol in symbols for pair in clevrer().every(symbol, phrases, random.Random(0))]
+    pairs = [pair for symbol in symbols for pair in clevrer(vocabulary).every(symbol, phrases, random.Random(0))]
     pairs += OPEN if "QUERY" in symbols else ()
-    said_names = [f"the {Slot('N', words).text}" for words in phrases.names]
+    said_names = [f"the {vocabulary.noun_phrase(words)}" for words in phrases.names]
     pairs = [pair for pair in pairs if all(pair[0].count(name) < 2 for name in said_names)]
     pairs = [pair for pair in pairs if _words(pair[0]) != _words(text)]  # which a parser just refused
-    pairs.sort(key=lambda pair: (-_common(said, _meanings(pair[0])), len(pair[0])))
-    nearest = sorted(pairs[:COMPARED], key=lambda pair: (-_similarity(said, _meanings(pair[0])), len(pair[0])))
+    pairs.sort(key=lambda pair: (-_common(said, _meanings(pair[0], vocabulary)), len(pair[0])))
+    nearest = sorted(
+        pairs[:COMPARED], key=lambda pair: (-_similarity(said, _meanings(pair[0], vocabulary)), len(pair[0]))
+    )
     found: list[str] = []
     if _SIDE_ASKED.search(text.lower()):
         nearest = [both for pair in nearest for both in (pair, *(p for p in nearest if _is_other_side(pair[0], p[0])))]
@@ -141,9 +154,9 @@ def nearest_questions(text: str, scene: Scene | None, *kinds: str) -> list[str]:
     return found
 
 
-def _meanings(text: str) -> list[str]:
+def _meanings(text: str, vocabulary: Vocabulary) -> list[str]:
     """Attribute words and the meanings of the other words of a text."""
-    words = normal_form(text).words
+    words = normal_form(text, vocabulary=vocabulary).words
     if {"if", "will"}.issubset(words):
         words = tuple("without" if word == "if" else word for word in words)
     parts = ((word.words or ("object",)) if isinstance(word, Slot) else (_meaning(word),) for word in words)

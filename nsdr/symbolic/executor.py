@@ -16,7 +16,7 @@ from nsdr.symbolic.program import SAID_KINDS, Program, ProgramSource, Step
 from nsdr.symbolic.quantities import Simulate
 from nsdr.symbolic.telling import event_lines, lines_without
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
-from nsdr.world.vocabulary import ATTRIBUTES, SPEED_UNIT
+from nsdr.world.vocabulary import SPEED_UNIT
 
 PREDICTIVE = ("unseen_events", "belong_to")
 """Program of every predictive question."""
@@ -29,9 +29,8 @@ EXPECTED = {
     Kind.BOOLEAN: "yes or no",
     Kind.FRAME: "a frame, such as frame 43",
     Kind.SPEED: f"a speed, such as 1.8 {SPEED_UNIT}",
-    **{kind: f"one {kind}: {', '.join(ATTRIBUTES[kind])}" for kind in (Kind.COLOR, Kind.MATERIAL, Kind.SHAPE)},
 }
-"""What a candidate has to say, by the result of the question's program, where that is more than its name."""
+"""What a candidate has to say, by the result of the question's program, where that is more than its name or a word."""
 Found = TypeVar("Found")
 
 
@@ -60,6 +59,10 @@ class Executor:
         self.facts = SceneFacts(scene, simulate)
         self._possible_scenes = PossibleScenes(scene, Executor)
 
+    def _parsed(self, program: ProgramSource) -> Program:
+        """A program in the words of the scene's world."""
+        return Program.parse(program, self.scene.world.vocabulary)
+
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
 
@@ -70,7 +73,7 @@ class Executor:
             ProgramError: the program is not well-formed.
             ExecutionError: it does not fit the scene; says what was asked for and what the scene has.
         """
-        return self._values(_complete(Program.parse(program)).steps)[-1]
+        return self._values(_complete(self._parsed(program)).steps)[-1]
 
     def answer(self, program: ProgramSource, question: str = "", candidates: Sequence[str] = ()) -> Answer:
         """Answer a descriptive question.
@@ -93,7 +96,7 @@ class Executor:
             ProgramError: the program is not well-formed, or does not give an answer.
             ExecutionError: it does not fit the scene; says what was asked for and what the scene has.
         """
-        parsed = _complete(Program.parse(program))
+        parsed = _complete(self._parsed(program))
         if parsed.result not in SAID_KINDS:
             raise ProgramError(
                 f"the program gives {parsed.result}; the program of a question ends in a count, exist, query or frame"
@@ -130,8 +133,8 @@ class Executor:
             ProgramError: a program is not well-formed, or is not that of a question or choice.
             ExecutionError: the question's program does not fit the scene; says what was asked for and what the scene has.
         """
-        parsed = Program.parse(question_program)
-        named = [c if isinstance(c, tuple) else (str(Program.parse(c)), c) for c in choices]
+        parsed = self._parsed(question_program)
+        named = [c if isinstance(c, tuple) else (str(self._parsed(c)), c) for c in choices]
         answers = self._supposing(lambda e: e._judged(parsed, named))
         scores = self._prediction_scores(parsed, answers)
         answers = self._with_probabilities(answers) if scores is None else self._exactly_one(answers, *scores)
@@ -144,7 +147,9 @@ class Executor:
         try:
             said = read_candidate(candidate, program.result, answer.text)
         except UnreadableError:
+            words = self.scene.world.vocabulary.words.get(program.result)
             expected = EXPECTED.get(program.result, f"a {program.result}")
+            expected = f"one {program.result}: {', '.join(words)}" if words else expected
             return ChoiceAnswer(candidate, None, (), (), f"says no answer that can be read; expected {expected}")
         if said == answer.text:
             return ChoiceAnswer(candidate, "correct", (), (), probability=answer.probability)
@@ -161,7 +166,7 @@ class Executor:
                 answers.append(ChoiceAnswer(text, None, (), (), str(choice)))
                 continue
             name = f"choice {ascii_uppercase[number]}" if 1 < len(choices) <= len(ascii_uppercase) else "the choice"
-            answers.append(self._judged_one(question, Program.parse(choice), text, name))
+            answers.append(self._judged_one(question, self._parsed(choice), text, name))
         return answers
 
     def _judged_one(self, question: Program, choice: Program, text: str, choice_name: str) -> ChoiceAnswer:
@@ -205,8 +210,7 @@ class Executor:
     def _with_probabilities(self, answers: Sequence[ChoiceAnswer]) -> list[ChoiceAnswer]:
         """The choices with the probability that they are correct; those that failed have none."""
         return [
-            a if a.error else replace(a, probability=self._probability(Program.parse(a.program), "yes"))
-            for a in answers
+            a if a.error else replace(a, probability=self._probability(self._parsed(a.program), "yes")) for a in answers
         ]
 
     def _supposing(self, run: "Callable[[Executor], Found]") -> Found:

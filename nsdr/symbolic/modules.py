@@ -7,6 +7,7 @@ plain (`nsdr.symbolic.facts`). Types are checked before a program runs, so value
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from itertools import product
 from typing import Any
 
@@ -14,7 +15,7 @@ from nsdr.errors import ExecutionError
 from nsdr.symbolic.facts import Causes, Collisions, Events, Objects, SceneFacts
 from nsdr.symbolic.quantities import CHANGES
 from nsdr.types import Event
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 
 class Kind(StrEnum):
@@ -233,11 +234,15 @@ _TABLE = [
 MODULES: dict[str, Module] = {module.name: module for module in _TABLE}
 """The signature table by token."""
 
-WORDS: dict[str, Kind] = {
-    **{word: Kind(name) for name, words in ATTRIBUTES.items() for word in words},
-    **dict.fromkeys(ORDERS, Kind.ORDER),
-}
-"""Tokens that are their own value: attribute words and orders."""
+
+@cache
+def program_words(vocabulary: Vocabulary) -> dict[str, Kind]:
+    """Tokens that are their own value: attribute words and orders."""
+    return {word: Kind(name) for word, name in vocabulary.attributes.items()} | dict.fromkeys(ORDERS, Kind.ORDER)
+
+
+WORDS = program_words(CLEVRER)
+"""Those of CLEVRER's programs."""
 
 EXTENSION_WORDS: dict[str, Kind] = dict.fromkeys(CHANGES, Kind.CHANGE)
 """Tokens that are their own value, for questions beyond CLEVRER: changes of an object."""

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 from nsdr.errors import ProgramError
 from nsdr.io.limits import limits
 from nsdr.io.notes import distinct
-from nsdr.symbolic.modules import ALL_WORDS, ARITY, DISPATCH, MODULES, Kind, Module
+from nsdr.symbolic.modules import ARITY, DISPATCH, EXTENSION_WORDS, MODULES, Kind, Module, program_words
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 START_TOKENS = ("<START>", "<start>")
 """Tokens before a program in the released files of parsed programs; skipped."""
@@ -63,19 +64,22 @@ class Program:
     There are three sorts: programs that answer a question (`result` is a number, truth value or attribute), programs of
     choices (`result` is an event or object), and programs that judge a choice (`needs_choice`).
 
-    Programs with equal tokens are equal. Pickling and copying keep the tokens, which are parsed again, and the notes.
+    Programs with equal tokens are equal. Pickling and copying keep the tokens, which are parsed again, their vocabulary and the
+    notes.
 
     Attributes:
         tokens: postfix tokens in the data set's spelling.
         steps: one per token.
         needs_choice: whether its `belong_to` takes the event or object of a choice.
         notes: what a user should know about how a parser read the program's text, one sentence each.
+        vocabulary: of its attribute words.
     """
 
     tokens: tuple[str, ...]
     steps: tuple[Step, ...] = field(repr=False, compare=False)
     needs_choice: bool = field(default=False, compare=False)
     notes: tuple[str, ...] = field(default=(), repr=False, compare=False)
+    vocabulary: Vocabulary = field(default=CLEVRER, repr=False, compare=False)
 
     @property
     def result(self) -> Kind:
@@ -83,16 +87,17 @@ class Program:
         return self.steps[-1].kind
 
     @classmethod
-    def parse(cls, source: "ProgramSource") -> "Program":
+    def parse(cls, source: "ProgramSource", vocabulary: Vocabulary = CLEVRER) -> "Program":
         """Parse and check a program.
 
         Args:
             source: see `program_tokens`.
+            vocabulary: of its attribute words.
 
         Raises:
             ProgramError: an unknown token, a wrong type, or values left over; names the token and its number.
         """
-        return source if isinstance(source, Program) else _checked(program_tokens(source))
+        return source if isinstance(source, Program) else _checked(program_tokens(source), vocabulary)
 
     def then(self, question: "Program") -> "Program":
         """Join this choice and a multiple-choice question into one program, which judges the choice.
@@ -104,7 +109,7 @@ class Program:
             raise ProgramError(f"the choice's program gives a {self.result}; expected an event or object")
         if not question.needs_choice:
             raise ProgramError("the question's program takes no choice; expected one that ends in belong_to")
-        return _checked(self.tokens + question.tokens).with_notes(*self.notes, *question.notes)
+        return _checked(self.tokens + question.tokens, self.vocabulary).with_notes(*self.notes, *question.notes)
 
     def with_notes(self, *notes: str) -> "Program":
         """The same program with further notes."""
@@ -114,11 +119,11 @@ class Program:
         return " ".join(self.tokens)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.tokens, self.notes)
+        return _restored, (self.tokens, self.notes, self.vocabulary)
 
 
-def _restored(tokens: tuple[str, ...], notes: tuple[str, ...]) -> Program:
-    return _checked(tokens).with_notes(*notes)
+def _restored(tokens: tuple[str, ...], notes: tuple[str, ...], vocabulary: Vocabulary) -> Program:
+    return _checked(tokens, vocabulary).with_notes(*notes)
 
 
 CALLS = re.compile(r"[a-z_\s(),'\"]*")
@@ -128,15 +133,16 @@ CACHED_PROGRAMS = 1 << 16
 
 
 @lru_cache(maxsize=CACHED_PROGRAMS)
-def _checked(tokens: tuple[str, ...]) -> Program:
+def _checked(tokens: tuple[str, ...], vocabulary: Vocabulary) -> Program:
     if not tokens:
         raise ProgramError("the program is empty")
+    words = program_words(vocabulary) | EXTENSION_WORDS
     steps: list[Step] = []
     stack: list[int] = []
     needs_choice = False
     for index, token in enumerate(tokens):
-        if token in ALL_WORDS:
-            steps.append(Step(token, None, (), ALL_WORDS[token]))
+        if token in words:
+            steps.append(Step(token, None, (), words[token]))
         else:
             arity = ARITY.get(token)
             if arity is None:
@@ -160,7 +166,7 @@ def _checked(tokens: tuple[str, ...]) -> Program:
         raise ProgramError(f"{len(stack)} values are left on the stack; expected one (is the program complete?)")
     if steps[-1].module is None:
         raise ProgramError(f"the program ends in the word {tokens[-1]!r}; expected a module")
-    return Program(tokens, tuple(steps), needs_choice)
+    return Program(tokens, tuple(steps), needs_choice, (), vocabulary)
 
 
 def _mismatch(module: Module, kinds: tuple[Kind, ...]) -> str:

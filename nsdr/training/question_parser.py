@@ -20,9 +20,9 @@ from nsdr.language.texts import (
     TEXT_KINDS,
     draw_wording,
     english,
+    normal_words,
     read_paraphrases,
     sample,
-    vocabulary,
 )
 from nsdr.question_parser.model import QuestionParserConfig
 from nsdr.question_parser.network import QuestionParser, build_networks, pad
@@ -78,7 +78,7 @@ class QuestionParserTask(Task):
         self.pool = self._pool()
         texts = [text for pairs in (self.pool or {}).values() for text, _ in pairs]
         normal = [normal_form(text, keep_unknown=True).text for text in texts]
-        self.tokenizer = Tokenizer.from_texts([*vocabulary(), *normal])
+        self.tokenizer = Tokenizer.from_texts([*normal_words(), *normal])
         self.model: nn.Module = build_networks(len(self.tokenizer), config.model)
         if config.initial:
             if load_description(config.initial, "question_parser")["words"] != list(self.tokenizer.words):
@@ -132,7 +132,7 @@ class QuestionParserTask(Task):
         elif how == 1:
             del words[rng.randrange(len(words))]
         else:
-            words.insert(rng.randrange(len(words) + 1), rng.choice(vocabulary()))
+            words.insert(rng.randrange(len(words) + 1), rng.choice(normal_words()))
         return " ".join(words) or text
 
     def draw(self, count: int, rng: np.random.Generator, step: int) -> list[int]:

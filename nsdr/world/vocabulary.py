@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
@@ -149,6 +149,20 @@ class Vocabulary(Checked):
                 f"vocabulary: {', '.join(repeated)}: there more than once; expected one meaning for each word"
             )
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Vocabulary, (
+            self.colors,
+            self.materials,
+            self.shapes,
+        )  # without the hash, which is another in each process
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.colors, self.materials, self.shapes))
+
     @property
     def _entries(self) -> "tuple[Color | Material | Shape, ...]":
         return (*self.colors, *self.materials, *self.shapes)
@@ -183,10 +197,28 @@ class Vocabulary(Checked):
         """The words of each attribute index."""
         return tuple(self.triple(i) for i in range(self.n_triples))
 
+    @cached_property
+    def attributes(self) -> dict[str, str]:
+        """The attribute of each of its words."""
+        return {word: name for name, words in self.words.items() for word in words}
+
+    def in_order(self, words: Sequence[str]) -> tuple[str, ...]:
+        """Attribute words in the order color, material, shape."""
+        return tuple(sorted(words, key=lambda word: NAMES.index(self.attributes[word])))
+
+    def noun_phrase(self, words: Sequence[str], is_plural: bool = False) -> str:
+        """A noun phrase of attribute words in order, such as "red metal cube" or "red objects"."""
+        *before, noun = words if self.attributes.get(words[-1] if words else "") == "shape" else (*words, "object")
+        return " ".join((*before, self._plurals[noun] if is_plural else noun))
+
+    @cached_property
+    def _plurals(self) -> dict[str, str]:
+        return {"object": "objects"} | {shape.word: shape.plurals[shape.word] for shape in self.shapes}
+
     @property
     def example(self) -> str:
-        """Words of an object, for messages: "red metal cube" in CLEVRER."""
-        return " ".join(self.triple(min(1, len(self.colors) - 1) * len(self.materials) * len(self.shapes)))
+        """Some object's words: "red metal cube" in CLEVRER."""
+        return f"{self.colors[1 % len(self.colors)].word} {self.materials[0].word} {self.shapes[0].word}"
 
     @property
     def n_triples(self) -> int:
