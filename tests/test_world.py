@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from nsdr import Camera, Pipeline, PipelineConfig, Scene, World, load, read_world, save
-from nsdr.errors import DataError
+from nsdr import Camera, Executor, GrammarParser, Pipeline, PipelineConfig, Scene, World, load, read_world, save
+from nsdr.errors import DataError, ProgramError, QuestionError
 from nsdr.world.physics import Physics, Timeline
 from nsdr.world.vocabulary import Color, Material, Shape, Vocabulary
 from tests.test_types_and_storage import proposals
@@ -116,6 +116,22 @@ def test_scenes_of_another_world_say_it_when_they_are_stored(tmp_path) -> None:
     save(tmp_path / "clevrer.json", clevrer)
     assert "world" not in (tmp_path / "clevrer.json").read_text()
     assert load(tmp_path / "clevrer.json", Scene).world == World()
+
+
+def test_questions_are_asked_in_the_words_of_the_scene() -> None:
+    scene = Scene.of(["white steel die", "orange wood puck"], [("collision", 30, "die", "puck")], world=MINE)
+    parser, executor = GrammarParser(vocabulary=PUCKS), Executor(scene)
+    asked = (
+        "What is the material of the object that collides with the puck?",
+        "Is there a pale brick?",
+        "How many dice are there?",
+    )
+    assert [executor.answer(parser.parse(text)).answer for text in asked] == ["steel", "yes", "1"]
+    assert executor.answer("query_material(unique(filter_shape(objects, die)))").answer == "steel"
+    with pytest.raises(ProgramError, match="cube"):
+        executor.answer("query_material(unique(filter_shape(objects, cube)))")
+    with pytest.raises(QuestionError, match="unknown word 'cube'"):
+        parser.parse("What color is the cube?")
 
 
 def test_words_of_another_world_are_refused() -> None:
