@@ -121,12 +121,12 @@ def test_scenes_of_another_world_say_it_when_they_are_stored(tmp_path) -> None:
 def test_questions_are_asked_in_the_words_of_the_scene() -> None:
     scene = Scene.of(["white steel die", "orange wood puck"], [("collision", 30, "die", "puck")], world=MINE)
     parser, executor = GrammarParser(vocabulary=PUCKS), Executor(scene)
-    asked = (
-        "What is the material of the object that collides with the puck?",
-        "Is there a pale brick?",
-        "How many dice are there?",
-    )
-    assert [executor.answer(parser.parse(text)).answer for text in asked] == ["steel", "yes", "1"]
+    answers = {
+        "What is the material of the object that collides with the puck?": "steel",
+        "Is there a pale brick?": "yes",
+        "How many dice are there?": 1,
+    }
+    assert {text: executor.answer(parser.parse(text)).answer for text in answers} == answers
     assert executor.answer("query_material(unique(filter_shape(objects, die)))").answer == "steel"
     with pytest.raises(ProgramError, match="cube"):
         executor.answer("query_material(unique(filter_shape(objects, cube)))")
