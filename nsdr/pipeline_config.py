@@ -27,7 +27,7 @@ from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser, load_pa
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.camera import check_release_size
-from nsdr.world.world import CLEVRER_WORLD, World
+from nsdr.world.world import World, check_as_clevrer
 
 if TYPE_CHECKING:  # it loads torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
@@ -159,12 +159,7 @@ def _saved_with(checkpoint: str | Path) -> list[str]:
 
 def check_perceivable(world: World) -> None:
     """Raise `DataError` unless the parts of a pipeline know a world: CLEVRER's with any camera, as yet."""
-    unknown = ", ".join(name for name in world.differences(CLEVRER_WORLD) if not name.startswith("camera."))
-    if unknown:
-        raise DataError(
-            f"world {world.name}: other than CLEVRER's in {unknown}; a pipeline takes CLEVRER's world with any camera, because "
-            "its dynamics and laws know no other as yet"
-        )
+    check_as_clevrer(world, "a pipeline", ("camera.",))
     check_release_size(world.camera)
 
 

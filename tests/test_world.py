@@ -8,7 +8,21 @@ import numpy as np
 import pytest
 import yaml
 
-from nsdr import Camera, Executor, GrammarParser, Pipeline, PipelineConfig, Scene, World, load, read_world, save
+from nsdr import (
+    Camera,
+    Executor,
+    GrammarParser,
+    Pipeline,
+    PipelineConfig,
+    Scene,
+    VideoTracks,
+    World,
+    load,
+    read_world,
+    save,
+    track,
+)
+from nsdr.dynamics import states_from_tracks
 from nsdr.errors import DataError, ProgramError, QuestionError
 from nsdr.world.physics import Physics, Timeline
 from nsdr.world.vocabulary import Color, Material, Shape, Vocabulary
@@ -154,9 +168,14 @@ def test_pipelines_refuse_worlds_whose_physics_they_do_not_know() -> None:
     heavy = World("jupiter", physics=Physics(gravity=24.8))
     assert heavy.differences(World()) == ["physics.gravity"]
     assert World("clevrer 2", camera=Camera(lens_mm=28.0)).differences(World()) == ["camera.lens_mm"]
-    with pytest.raises(DataError, match=r"world jupiter: other than CLEVRER's in physics\.gravity; a pipeline takes"):
+    with pytest.raises(DataError, match=r"jupiter: other than CLEVRER's in physics\.gravity, which a pipeline cannot"):
         PipelineConfig(world=heavy)
+    with pytest.raises(DataError, match=r"physics\.gravity, which dynamics and laws cannot take"):
+        states_from_tracks(VideoTracks(5, (), heavy))
+    with pytest.raises(DataError, match=r"vocabulary\.shapes, which tracking cannot take"):
+        track(replace(proposals(), world=MINE))
     with pytest.raises(
-        DataError, match=r"world mine: other than CLEVRER's in vocabulary\.colors, .*, timeline\.frames;"
+        DataError,
+        match=r"world mine: other than CLEVRER's in vocabulary\.colors, .*, timeline\.frames, which a pipeline",
     ):
         Pipeline(*[Part()] * 3, world=MINE)  # type: ignore[list-item]

@@ -12,7 +12,7 @@ from nsdr.types import SceneObject, VideoProposals, VideoTracks
 from nsdr.validation import BoolArray, FloatArray, IntArray
 from nsdr.world.camera import Camera
 from nsdr.world.vocabulary import MATERIALS, SHAPES
-from nsdr.world.world import CLEVRER_WORLD, World
+from nsdr.world.world import CLEVRER_WORLD, World, check_as_clevrer
 
 UNRELIABLE_WEIGHT = 0.03
 """Weight of the position of an object that is partly hidden or cut by the image border. Chosen, like `REST_SPEED_WORLD_PER_S`
@@ -114,7 +114,11 @@ def states_from_tracks(video: VideoTracks, pixels: VideoPixels | None = None) ->
     Args:
         video: tracks of the video.
         pixels: images of the video, for networks that read images.
+
+    Raises:
+        DataError: tracks of a world with other physics, time or shapes than CLEVRER's; names what differs.
     """
+    check_as_clevrer(video.world, "dynamics and laws", ("vocabulary.colors", "camera."))
     n, frames = len(video.tracks), video.n_frames
     location, detected = np.zeros((n, frames, 2)), np.zeros((n, frames), bool)
     box = np.full((n, frames, 4), np.nan)

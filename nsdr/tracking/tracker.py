@@ -16,7 +16,7 @@ from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 from nsdr.validation import Count, IntArray, Settings, Share
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import differing_words
-from nsdr.world.world import CLEVRER_WORLD, World
+from nsdr.world.world import CLEVRER_WORLD, World, check_as_clevrer
 
 PROPOSAL_SCORE = 0.9
 """The paper's threshold for proposals: those with a score up to this are ignored (0-1)."""
@@ -182,6 +182,8 @@ def track_of(
 
 def ground_positions(proposals: VideoProposals, kept: NDArray[Any]) -> NDArray[Any]:
     """(N, 2) ground positions of all rows (world units); NaN above the horizon, and for rows that are not in `kept`."""
+    free = ("vocabulary.colors", "vocabulary.materials", "physics.", "timeline.", "camera.")
+    check_as_clevrer(proposals.world, "tracking", free)
     positions = np.full((len(proposals), 2), np.nan)
     if not len(kept):
         return positions

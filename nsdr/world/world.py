@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, fields
 
+from nsdr.errors import DataError
 from nsdr.validation import Checked
 from nsdr.world.camera import Camera
 from nsdr.world.physics import Physics, Timeline
@@ -42,3 +43,15 @@ class World(Checked):
 
 
 CLEVRER_WORLD = World()
+
+
+def check_as_clevrer(world: World, what: str, free: tuple[str, ...]) -> None:
+    """Raise `DataError` unless a world is CLEVRER's but for some of its values.
+
+    Args:
+        world: the world.
+        what: that knows no other worlds as yet, for the message.
+        free: beginnings of the names of values that may differ, such as "camera.".
+    """
+    if unknown := ", ".join(name for name in world.differences(CLEVRER_WORLD) if not name.startswith(free)):
+        raise DataError(f"world {world.name}: other than CLEVRER's in {unknown}, which {what} cannot take as yet")
