@@ -334,9 +334,15 @@ def test_malformed_interventions_are_refused(make: Callable[[], Any], message: s
         make()
 
 
+def test_words_of_added_objects_are_checked_before_the_video_is_looked_at() -> None:
+    pipeline = Pipeline(None, None, None)  # type: ignore[arg-type]
+    with pytest.raises(DataError, match="Add red metal pyramid: shape: expected one of cube, sphere, cylinder"):
+        pipeline.simulate("no_such_video.mp4", [Add("red", "metal", "pyramid", 1, 0)])
+
+
 def test_added_objects_have_words_of_the_world() -> None:
     added = [Add("red", "wood", "cube", 0, 0)]
-    with pytest.raises(DataError, match="Add: object 3: material: expected one of metal, rubber, got 'wood'"):
+    with pytest.raises(DataError, match="Add red wood cube: material: expected one of metal, rubber, got 'wood'"):
         resolve(added, OBJECTS, np.ones((3, 5), bool), 0, CLEVRER_WORLD.vocabulary)
 
 
@@ -449,7 +455,7 @@ def test_options_name_interventions() -> None:
             "red metal cube=1,0,-2,0.5",
         ),
     )
-    assert command._interventions(given) == [
+    assert command._interventions(given, CLEVRER_WORLD.vocabulary) == [
         Remove("red cube"),
         SetMass("blue sphere", 2),
         SetVelocity(3, vx=1.5, vy=0),
@@ -477,11 +483,15 @@ def test_options_name_interventions() -> None:
         (["--shift", "cube=99,0"], "--shift cube=99,0: Move: expected dx and dy of up to"),
         (["--add", "red cube=1,0"], "color, material and shape"),
         (["--add", "red metal cube=1,0,2"], "expected OBJECT=2 or 4 numbers"),
+        (
+            ["--add", "red metal pyramid=1,0"],
+            "--add red metal pyramid=1,0: .*shape: expected one of cube, sphere, cylinder",
+        ),
     ],
 )
 def test_options_that_are_no_intervention_are_refused(arguments: list[str], message: str) -> None:
     with pytest.raises(DataError, match=message):
-        command._interventions(options(*arguments))
+        command._interventions(options(*arguments), CLEVRER_WORLD.vocabulary)
 
 
 def test_frames_after_the_end_are_refused_before_the_work(monkeypatch) -> None:

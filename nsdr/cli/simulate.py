@@ -16,14 +16,16 @@ from nsdr.cli.common import (
     is_scene,
     make_pipeline,
     print_notes,
+    settings_of,
     shared_options,
 )
+from nsdr.dynamics.interventions import check_added
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import check_installed, write_json
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
 from nsdr.types.interventions import Intervention
 from nsdr.world.physics_constants import FPS
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import Vocabulary
 
 PLACE, PLACE_AND_VELOCITY = 2, 4
 """Numbers after an object of `--add`."""
@@ -75,7 +77,7 @@ def simulate(options: Any) -> int:
         check_installed("av", "writing videos needs PyAV", "visualize")
     if is_scene(options.video):
         raise DataError(f"{options.video}: is a saved scene, to which no simulator was fitted; give the video")
-    interventions = _interventions(options)
+    interventions = _interventions(options, settings_of(options).world.vocabulary)
     if not interventions:
         raise DataError("no intervention: expected --remove, --mass, --velocity, --move, --shift, --freeze or --add")
     if options.from_frame:
@@ -100,7 +102,10 @@ def simulate(options: Any) -> int:
     return 0
 
 
-def _interventions(options: Any) -> list[Intervention]:
+def _interventions(options: Any, vocabulary: Vocabulary) -> list[Intervention]:
+    def named(text: str) -> str | int:
+        return _object(text, vocabulary)
+
     def each(name: str, make: Callable[[str], Intervention]) -> Iterator[Intervention]:
         for text in options[name]:
             try:
@@ -109,13 +114,13 @@ def _interventions(options: Any) -> list[Intervention]:
                 raise DataError(f"--{name} {text}: {e}") from e
 
     return [
-        *each("remove", lambda text: Remove(_object(text))),
-        *each("mass", lambda text: SetMass(_object(_name(text)), *_numbers(text, 1))),
-        *each("velocity", _velocity),
-        *each("move", lambda text: Move(_object(_name(text)), *_numbers(text, PLACE))),
-        *each("shift", lambda text: Move(_object(_name(text)), None, None, *_numbers(text, PLACE))),
-        *each("freeze", lambda text: Freeze(_object(text))),
-        *each("add", _added),
+        *each("remove", lambda text: Remove(named(text))),
+        *each("mass", lambda text: SetMass(named(_name(text)), *_numbers(text, 1))),
+        *each("velocity", lambda text: _velocity(text, named)),
+        *each("move", lambda text: Move(named(_name(text)), *_numbers(text, PLACE))),
+        *each("shift", lambda text: Move(named(_name(text)), None, None, *_numbers(text, PLACE))),
+        *each("freeze", lambda text: Freeze(named(text))),
+        *each("add", lambda text: _added(text, vocabulary)),
     ]
 
 
@@ -128,14 +133,14 @@ def _check_frame(video: str, frame: int, fps: float) -> None:
         raise DataError(f"--from-frame {frame}: expected a frame of {video}, which has {frames} at {FPS} a second")
 
 
-def _object(text: str) -> str | int:
+def _object(text: str, vocabulary: Vocabulary) -> str | int:
     """Words or an id; words that no object has are refused before the video is looked at."""
     if text.strip().isdecimal() and len(text) <= ID_DIGITS:
         return int(text)
     words = set(text.lower().removeprefix("the ").split())
-    of_each = [words & set(known) for known in ATTRIBUTES.values()]
+    of_each = [words & set(known) for known in vocabulary.words.values()]
     if not words or sum(map(len, of_each)) < len(words) or max(map(len, of_each)) > 1:
-        raise DataError("expected the words of one object, such as 'red metal cube', or its id")
+        raise DataError(f"expected the words of one object, such as {vocabulary.example!r}, or its id")
     return text
 
 
@@ -157,19 +162,21 @@ def _numbers(text: str, *counts: int) -> list[float]:
     return numbers
 
 
-def _velocity(text: str) -> SetVelocity:
+def _velocity(text: str, named: Callable[[str], str | int]) -> SetVelocity:
     name, _, value = text.partition("=")
     if value.startswith("x"):
-        return SetVelocity(_object(name), factor=_numbers(f"={value[1:]}", 1)[0])
-    return SetVelocity(_object(name), *_numbers(text, PLACE))
+        return SetVelocity(named(name), factor=_numbers(f"={value[1:]}", 1)[0])
+    return SetVelocity(named(name), *_numbers(text, PLACE))
 
 
-def _added(text: str) -> Add:
+def _added(text: str, vocabulary: Vocabulary) -> Add:
     words = _name(text).split()
     if len(words) != WORDS:
-        raise DataError("expected color, material and shape, such as 'red metal cube=1,0'")
+        raise DataError(f"expected color, material and shape, such as '{vocabulary.example}=1,0'")
     color, material, shape = words
-    return Add(color, material, shape, *_numbers(text, PLACE, PLACE_AND_VELOCITY))
+    new = Add(color, material, shape, *_numbers(text, PLACE, PLACE_AND_VELOCITY))
+    check_added([new], vocabulary)
+    return new
 
 
 def _document(s: Simulation) -> dict[str, Any]:

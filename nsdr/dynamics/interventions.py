@@ -9,12 +9,22 @@ import numpy as np
 from nsdr.errors import DataError
 from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention
-from nsdr.types.tracks import check_words, find_object
-from nsdr.validation import BoolArray
+from nsdr.types.tracks import find_object
+from nsdr.validation import BoolArray, expect
 from nsdr.world.vocabulary import Vocabulary
 
 EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
 """An object can have at most one intervention from each of these sets. `Remove` excludes all others."""
+
+
+def check_added(interventions: Sequence[Intervention], vocabulary: Vocabulary) -> None:
+    """Raise `DataError` unless added objects have words of a vocabulary; names the first that does not."""
+    for change in interventions if isinstance(interventions, Sequence) else ():
+        if isinstance(change, Add):
+            for (name, known), word in zip(
+                vocabulary.words.items(), (change.color, change.material, change.shape), strict=True
+            ):
+                expect(word in known, f"Add {change.name}: {name}", f"one of {', '.join(known)}", repr(word))
 
 
 def resolve(
@@ -42,10 +52,10 @@ def resolve(
         raise DataError(f"from_frame: expected a frame of the video, 0 to {frames - 1}, got {from_frame!r:.60}")
     if not isinstance(interventions, Sequence) or isinstance(interventions, str):
         raise DataError(f"interventions: expected a list, such as [nsdr.Remove('red cube')], got {interventions!r:.60}")
+    check_added(interventions, vocabulary)
     found: list[Intervention] = []
     for change in interventions:
         if isinstance(change, Add):
-            check_words("Add", [SceneObject(len(objects), change.color, change.material, change.shape)], vocabulary)
             found.append(change)
         elif isinstance(change, Remove | SetMass | SetVelocity | Move | Freeze):
             i = find_object(objects, change.object)
