@@ -78,11 +78,49 @@ def changed(place: tuple[str | int, ...], value: Any, folder: Path) -> Path:
         (("camera", "eye_world"), [4, 0, -1], "camera: eye_world .* the place at least 0.5 high"),
         (("timeline",), None, "timeline: expected settings"),
         (("lamps",), 3, "lamps: no such setting; known are name, vocabulary, physics, timeline, camera"),
+        (("vocabulary", "colors", 1, "srgb"), [80, 90, 87], "colors gray and red: .* look the same"),
+        (("vocabulary", "shapes", 2, "solid"), "box", r"shapes cube and cylinder: both are a box of the size \[0.4"),
+        (
+            ("vocabulary", "shapes", 0, "size_world"),
+            [4, 4, 4],
+            "layout: area_world .*: 6 objects of up to 4 world units",
+        ),
+        (
+            ("vocabulary", "shapes", 0, "size_world"),
+            [0.4, 0.4, 0.1],
+            "shapes sphere and cube: a sphere with the radius",
+        ),
+        (
+            ("vocabulary", "shapes", 0, "friction"),
+            0.001,
+            "shape cube: friction 0.001 .* more than a quarter of .* 0.01",
+        ),
+        (("physics", "linear_damping"), 0, "linear_damping 0: expected more than 0"),
+        (("physics", "start_speed_world_per_s"), [50, 60], "would move by 0.24, and pass through shape cube"),
+        (
+            ("physics", "table_half_width_world"),
+            5,
+            "layout: far_world and area_world reach to 10.5: expected the table's",
+        ),
+        (("layout", "area_world"), [20, 25, 0, 5], "layout: far_world and area_world reach to 25"),
+        (("layout", "area_world"), [6, 10, 0, 5], "the middle of layout.area_world .* is not in the image"),
+        (("layout", "objects"), [[20, 1]], "20 objects of up to 0.4 world units do not fit"),
+        (("layout", "start_distance_world"), [4, 3], r"start_distance_world \[4.0, 3.0\]: expected the smaller"),
+        (("camera", "width"), 481, "camera: expected an even width and height .* got 481x320"),
+        (("look", "lamps", 0, "power"), -1, r">= 0.0 - at `\$.look.lamps\[0\].power`"),
+        (("look", "lamps", 0, "watt"), 1, r"look: lamps\[0\]: watt: no such setting"),
     ],
 )
 def test_a_world_that_contradicts_itself_is_refused_with_the_place(place, value, message, tmp_path) -> None:
     with pytest.raises(DataError, match=rf"mine\.yaml: .*{message}"):
         read_world(changed(place, value, tmp_path))
+
+
+def test_a_scene_needs_as_many_combinations_of_words_as_objects(tmp_path) -> None:
+    path = tmp_path / "few.yaml"
+    path.write_text("vocabulary: {shapes: [{word: disc, solid: cylinder}], colors: [{word: red, srgb: [200, 0, 0]}]}")
+    with pytest.raises(DataError, match=r"few\.yaml: .*its words make 2 combinations for scenes of 6 objects"):
+        read_world(path)
 
 
 def test_what_a_file_leaves_out_is_as_in_clevrer(tmp_path) -> None:

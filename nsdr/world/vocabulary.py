@@ -1,9 +1,11 @@
 """Words of objects, in the fixed order of every attribute index and logit in this package."""
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta
@@ -19,6 +21,8 @@ Word = Annotated[str, Meta(pattern="^[a-z]{2,20}$")]
 Level = Annotated[int, Meta(ge=0, le=255)]
 Length = Annotated[float, Meta(ge=0.02, le=5)]
 """World units: CLEVRER's objects are 0.4 wide."""
+MIN_COLOR_DISTANCE = 20
+"""Two colours with a smaller distance of their sRGB (0-255) look the same."""
 ES_ENDINGS = ("s", "x", "z", "ch", "sh")
 """Endings of nouns whose plural ends in -es."""
 OBJECT_NOUNS = ("object", "thing", "item", "obj", "entity", "thingy")
@@ -57,11 +61,17 @@ class Material(Checked):
         word: in questions and answers.
         synonyms: other words that are read.
         restitution: coefficient of restitution; those of two colliding objects are multiplied, as in Bullet (0-1).
+        friction: factor of the shape's coefficient of friction (0-100).
+        metallic: whether it mirrors what is around it, tinted by its colour; other materials are matt with a gloss.
+        roughness: of the gloss: 0.02 makes small highlights, 1 none. CLEVR's rubber has 0.59; its metal has 0.1.
     """
 
     word: Word
     synonyms: tuple[Word, ...] = ()
     restitution: Share = 0.8
+    friction: Annotated[float, Meta(ge=0, le=100)] = 1.0
+    metallic: bool = False
+    roughness: Annotated[float, Meta(ge=0.02, le=1)] = 0.59
 
 
 @dataclass(frozen=True)
@@ -99,6 +109,22 @@ class Shape(Checked):
             raise DataError(f"shape {self.word}: friction {self.friction:g}: {reason}")
 
     @property
+    def half_width_world(self) -> float:
+        """Half of the larger extent along x and y (world units)."""
+        return max(self.size_world[:2]) / 2
+
+    @property
+    def radius_world(self) -> float:
+        """The radius of a sphere or cylinder, and the mean of a box's halves along x and y (world units)."""
+        x, y, _ = self.size_world
+        return (x + y) / 4
+
+    @property
+    def height_world(self) -> float:
+        """Height of the centre of an object that stands on the table (world units)."""
+        return self.size_world[2] / 2
+
+    @property
     def plurals(self) -> dict[str, str]:
         """The plural of the word and of its synonyms."""
         regular = {
@@ -119,7 +145,7 @@ _COLORS = (
 )
 """CLEVRER's, with the sRGB of CLEVR's `properties.json`."""
 _MATERIALS = (
-    Material("metal", ("metallic", "shiny", "steel", "chrome", "glossy", "reflective")),
+    Material("metal", ("metallic", "shiny", "steel", "chrome", "glossy", "reflective"), metallic=True, roughness=0.1),
     Material("rubber", ("rubbery", "matte", "matt")),
 )
 _SHAPES = (
@@ -148,6 +174,30 @@ class Vocabulary(Checked):
             raise DataError(
                 f"vocabulary: {', '.join(repeated)}: there more than once; expected one meaning for each word"
             )
+        for one, other in combinations(self.colors, 2):
+            if math.dist(one.srgb, other.srgb) < MIN_COLOR_DISTANCE:
+                raise DataError(
+                    f"vocabulary: colors {one.word} and {other.word}: srgb {list(one.srgb)} and {list(other.srgb)} look "
+                    f"the same; expected a distance of {MIN_COLOR_DISTANCE} or more"
+                )
+        for first, second in combinations(self.shapes, 2):
+            if (first.solid, first.size_world) == (second.solid, second.size_world):
+                raise DataError(
+                    f"vocabulary: shapes {first.word} and {second.word}: both are a {first.solid} of the size "
+                    f"{list(first.size_world)}; expected another solid or size, which tells them apart"
+                )
+
+    def color(self, word: str) -> Color:
+        """The colour of a word."""
+        return self.colors[self.words["color"].index(word)]
+
+    def material(self, word: str) -> Material:
+        """The material of a word."""
+        return self.materials[self.words["material"].index(word)]
+
+    def shape(self, word: str) -> Shape:
+        """The shape of a word."""
+        return self.shapes[self.words["shape"].index(word)]
 
     def __hash__(self) -> int:
         return self._hash

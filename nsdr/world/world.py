@@ -5,6 +5,9 @@ from dataclasses import dataclass, field, fields
 from nsdr.errors import DataError
 from nsdr.validation import Checked
 from nsdr.world.camera import Camera
+from nsdr.world.consistency import check_in_view, check_motion, check_objects_fit, check_on_table
+from nsdr.world.layout import Layout
+from nsdr.world.look import Look
 from nsdr.world.physics import Physics, Timeline
 from nsdr.world.vocabulary import Vocabulary
 
@@ -21,6 +24,8 @@ class World(Checked):
         physics: how they move.
         timeline: time in videos.
         camera: what takes the videos.
+        look: the table and the lamps.
+        layout: how many objects scenes have, and where these start.
 
     Raises:
         DataError: values that contradict each other; names them.
@@ -31,6 +36,15 @@ class World(Checked):
     physics: Physics = field(default_factory=Physics)
     timeline: Timeline = field(default_factory=Timeline)
     camera: Camera = field(default_factory=Camera)
+    look: Look = field(default_factory=Look)
+    layout: Layout = field(default_factory=Layout)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_objects_fit(self.vocabulary, self.layout)
+        check_on_table(self.layout, self.physics)
+        check_in_view(self.layout, self.camera)
+        check_motion(self.vocabulary, self.physics)
 
     def differences(self, other: "World") -> list[str]:
         """Names of the values that differ between two worlds, such as "physics.gravity"; that of the world is not compared."""

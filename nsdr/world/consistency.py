@@ -1,0 +1,93 @@
+"""What the parts of a world may not have together."""
+
+from itertools import product
+
+from nsdr.errors import DataError
+from nsdr.world.camera import Camera
+from nsdr.world.layout import START_SPACING, Layout
+from nsdr.world.physics import Physics
+from nsdr.world.vocabulary import Vocabulary
+
+MAX_SIDE_PX = 4096
+"""Largest image width and height that H.264 encoders take at every level (pixels)."""
+
+
+def check_objects_fit(vocabulary: Vocabulary, layout: Layout) -> None:
+    """Raise `DataError` unless the objects of every scene differ, and have space in the area in which they start."""
+    most = layout.most_objects
+    if vocabulary.n_triples < most:
+        raise DataError(
+            f"vocabulary: its words make {vocabulary.n_triples} combinations for scenes of {most} objects "
+            "(layout.objects); no combination occurs twice in a scene"
+        )
+    x0, x1, y0, y1 = layout.area_world
+    widest = max(shape.half_width_world for shape in vocabulary.shapes)
+    needed = most * (START_SPACING * 2 * widest) ** 2
+    if needed > (x1 - x0) * (y1 - y0):
+        raise DataError(
+            f"layout: area_world {list(layout.area_world)}: {most} objects of up to {2 * widest:g} world units do not "
+            f"fit; expected an area of {needed:.3g} or more, got {(x1 - x0) * (y1 - y0):.3g}"
+        )
+
+
+def check_on_table(layout: Layout, physics: Physics) -> None:
+    """Raise `DataError` unless objects start on the table."""
+    reach = max(layout.far_world, *map(abs, layout.area_world))
+    if reach > physics.table_half_width_world:
+        raise DataError(
+            f"layout: far_world and area_world reach to {reach:g}: expected the table's half width, "
+            f"physics.table_half_width_world {physics.table_half_width_world:g}, or less"
+        )
+
+
+def check_in_view(layout: Layout, camera: Camera) -> None:
+    """Raise `DataError` unless the camera sees the middle of the area, in images that a video can have."""
+    x0, x1, y0, y1 = layout.area_world
+    column, row = camera.pixels([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
+    if not (0 <= column <= camera.width and 0 <= row <= camera.height):  # NaN behind the camera
+        raise DataError(
+            f"camera: eye_world {list(camera.eye_world)}, target_world {list(camera.target_world)}: the middle of "
+            f"layout.area_world {list(layout.area_world)} is not in the image"
+        )
+    if camera.width % 2 or camera.height % 2 or max(camera.width, camera.height) > MAX_SIDE_PX:
+        raise DataError(
+            f"camera: expected an even width and height of up to {MAX_SIDE_PX} pixels, as videos have, got "
+            f"{camera.width}x{camera.height}"
+        )
+
+
+def check_motion(vocabulary: Vocabulary, physics: Physics) -> None:
+    """Raise `DataError` unless objects slide to rest and meet as the simulators assume.
+
+    The motion of sliding objects has a closed form where friction is stronger than damping, or where there is none
+    (`nsdr.dynamics.sliding`). Collisions are computed in the plane of the table; so two objects have to meet at a vertical
+    wall, or at equal heights.
+    """
+    thinnest = min(vocabulary.shapes, key=lambda shape: min(shape.size_world[:2]))
+    fastest, half = physics.start_speed_world_per_s[1], min(thinnest.size_world[:2]) / 2
+    if fastest * physics.step_seconds >= half:
+        raise DataError(
+            f"physics: start_speed_world_per_s {fastest:g}: in one step of {physics.step_seconds:g} s an object would "
+            f"move by {fastest * physics.step_seconds:.3g}, and pass through shape {thinnest.word}, half of whose width "
+            f"is {half:g}"
+        )
+    damping = physics.linear_damping
+    if not damping:
+        raise DataError("physics: linear_damping 0: expected more than 0; objects without it cannot be predicted")
+    for shape, material in product(vocabulary.shapes, vocabulary.materials):
+        deceleration = shape.friction * material.friction * physics.gravity
+        if 0 < deceleration <= damping / 4:
+            raise DataError(
+                f"shape {shape.word}: friction {shape.friction:g} of material {material.word}, {material.friction:g}: "
+                f"together with gravity {physics.gravity:g} expected 0, or more than a quarter of "
+                f"physics.linear_damping, {damping / 4:g}; got {deceleration:.3g}"
+            )
+    spheres = [shape for shape in vocabulary.shapes if shape.solid == "sphere"]
+    for sphere, other in product(spheres, vocabulary.shapes):
+        radius, height = sphere.size_world[2] / 2, other.size_world[2]
+        if radius > height or (other.solid == "sphere" and 2 * radius != height):
+            raise DataError(
+                f"shapes {sphere.word} and {other.word}: a sphere with the radius {radius:g} meets one with the height "
+                f"{height:g} above its middle and would lift it; expected spheres of one size, and other shapes at "
+                "least as high as the radius"
+            )
