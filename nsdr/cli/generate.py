@@ -22,8 +22,8 @@ from nsdr.generate.statistics import write_question_statistics
 from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import check_output, check_output_folder, find_files, write_json
 from nsdr.io.tasks import ENGINES, run_in_order
+from nsdr.io.worlds import read_world
 from nsdr.validation import Count, Settings, one_of
-from nsdr.world.camera import CLEVRER_CAMERA
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,13 @@ class SceneOptions(Settings):
         output: JSON file to write.
         seed: number of the scene, as `seed` in its truth file: the n-th scene of `nsdr generate dataset --seed s` has
             1,000,000 s + n.
-        scene: what scenes look like.
+        world: the world that the scene is in: a file, or the name of one that ships.
+        scene: what scenes look like, where it is not as the world says.
     """
 
     output: str
     seed: Count = 0
+    world: str = "clevrer"
     scene: SceneConfig = field(default_factory=SceneConfig)
 
 
@@ -91,8 +93,9 @@ def _splits(config: DatasetConfig) -> str:
 def _scene(arguments: Sequence[str]) -> str:
     options = configured(SceneOptions, arguments, "generate scene", "generate")
     check_output(options.output, [".json"])
-    scene = simulate_scene(options.seed, options.scene)
-    write_json(options.output, truth_document(scene, options.seed, CLEVRER_CAMERA))
+    world = read_world(options.world)
+    scene = simulate_scene(options.seed, options.scene, world=world)
+    write_json(options.output, truth_document(scene, options.seed, world.camera))
     return options.output
 
 

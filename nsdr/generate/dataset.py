@@ -27,6 +27,7 @@ from nsdr.generate.physics.changed import TruthSimulator
 from nsdr.generate.physics.scene import SimulatedScene, removals_by_effect, scene_without, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
+from nsdr.generate.render.blender import check_assets_fit
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import RenderConfig, View, view_of
 from nsdr.generate.scene_files import annotation_document, proposal_document, solids_at, truth_document
@@ -38,8 +39,10 @@ from nsdr.io.limits import limits
 from nsdr.io.reading import read_json
 from nsdr.io.tasks import ENGINES, run_in_order
 from nsdr.io.video import spaced, write_video
+from nsdr.io.worlds import read_world, stored_world
 from nsdr.validation import Count, Settings, Share, convert, expect, one_of
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.world import CLEVRER_WORLD, World
 
 RENDERERS = ("preview", "blender", "none")
 VERSIONS_OF = ("nsdr", "pybullet", "bpy", "numpy", "opencv-python-headless", "av")
@@ -71,7 +74,8 @@ class DatasetConfig(Settings):
         counterfactual_videos: number of videos without one of the objects that are written for each video, in data sets of
             their own below `counterfactual/` (see `Files`), beginning with the objects whose removal changes most
             (see `removals_by_effect`).
-        scene: what scenes look like.
+        world: the world of the videos: a file (see `nsdr.read_world`), the name of one that ships, or a `World`.
+        scene: what scenes look like, where it is not as the world says.
         render: rendering options.
         engine: "processes" or "ray".
         workers: number of processes; 0 is one per CPU core.
@@ -90,6 +94,7 @@ class DatasetConfig(Settings):
     masks: bool = True
     questions: QuestionConfig | None = field(default_factory=QuestionConfig)
     counterfactual_videos: Count = 0
+    world: str | World = "clevrer"
     scene: SceneConfig = field(default_factory=SceneConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
     engine: Annotated[str, one_of(ENGINES)] = "processes"
@@ -99,7 +104,11 @@ class DatasetConfig(Settings):
         super().__post_init__()
         if not any(self.splits.values()):
             raise DataError(f"splits: expected shares of {', '.join(SPLITS)}, got {dict(self.splits)}")
-        fewest = min(n for n, share in self.scene.objects.items() if share)
+        world = read_world(self.world) if isinstance(self.world, str) else self.world
+        object.__setattr__(self, "world", world)  # read once, as the file may change
+        self._check_world(world)
+        changed = self.scene.world_of(world)
+        fewest = min(n for n, share in changed.layout.objects if share)
         expected = f"at most {fewest}, the fewest objects of a scene"
         expect(self.counterfactual_videos <= fewest, "counterfactual_videos", expected, self.counterfactual_videos)
         if self.renderer == "blender" and not self.render.assets:
@@ -107,6 +116,25 @@ class DatasetConfig(Settings):
                 "render.assets: renderer blender needs CLEVR's Blender files, the folder image_generation/data of "
                 "https://github.com/facebookresearch/clevr-dataset-gen"
             )
+
+    def _check_world(self, world: World) -> None:
+        """Raise `DataError` unless the scenes and the renderer fit the world."""
+        self.scene.triples_in(world)
+        self.render.camera_in(world)
+        self.render.size_in(world)
+        if self.questions is not None and world.vocabulary != Vocabulary():
+            raise DataError(
+                f"questions: world {world.name} has other words than CLEVRER's, in which no questions are written yet; "
+                "expected null"
+            )
+        if self.renderer == "blender":
+            check_assets_fit(world)
+
+    @property
+    def own_world(self) -> World:
+        """The world of the videos."""
+        assert isinstance(self.world, World)
+        return self.world
 
     @property
     def has_questions(self) -> bool:
@@ -119,7 +147,7 @@ class DatasetConfig(Settings):
 
     def made(self, index: int) -> tuple[SimulatedScene, dict[str, Any]]:
         """The scene of a video, and additional entries of its truth file."""
-        return simulate_scene(self.scene_seed(index), self.scene), {}
+        return simulate_scene(self.scene_seed(index), self.scene, world=self.own_world), {}
 
     def made_together(self, first: int) -> Sequence[tuple[SimulatedScene, dict[str, Any]]]:
         """What `made` returns for each video of the job that begins with video `first`."""
@@ -197,9 +225,9 @@ def _write_manifests(config: DatasetConfig, root: Path) -> None:
     """Write the manifests of the data set and of those of counterfactual videos, which have no questions."""
     manifest, path = _manifest(config), root / "manifest.json"
     if path.exists():
-        existing = read_json(path, dict[str, Any]).get("config")
-        existing = convert(existing, dict[str, Any], f"{path}: config: ")
-        wanted = manifest["config"]
+        found = read_json(path, dict[str, Any])
+        existing = convert(found.get("config"), dict[str, Any], f"{path}: config: ") | _world_of(found)
+        wanted = manifest["config"] | _world_of(manifest)
         changed = sorted(k for k in {*existing, *wanted} if existing.get(k) != wanted.get(k))
         if changed:
             raise DataError(f"{path}: was made with another {', '.join(changed)}; choose another folder")
@@ -209,9 +237,14 @@ def _write_manifests(config: DatasetConfig, root: Path) -> None:
         write_json(Files.root_of(root, number) / "manifest.json", manifest, indent=1)
 
 
+def _world_of(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    return {"world": manifest["world"]} if "world" in manifest else {}
+
+
 def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
     step = config.videos_per_job
-    value = fingerprint(config=[VERSION, _manifest(config)["config"]])
+    manifest = _manifest(config)
+    value = fingerprint(config=[VERSION, manifest["config"], *_world_of(manifest).values()])
     jobs = [
         Job(f"video {video}", (split, range(video, video + step)), Files(root, split, video + step - 1).truth, value)
         for split, indices in config.indices().items()
@@ -257,9 +290,14 @@ def _scene_candidates(config: QuestionConfig, path: Path) -> SceneQuestions:
 
 
 def _manifest(config: DatasetConfig) -> dict[str, Any]:
-    values = asdict(config)
-    for name in ("output", "engine", "workers"):
+    values, world = asdict(config), config.own_world
+    for name in ("output", "engine", "workers", "world"):
         values.pop(name)
+    _fill(values["scene"], _scene_values(world))
+    if world == CLEVRER_WORLD:
+        _fill(values["scene"]["physics"], _clevrer_physics())
+    _fill(values["render"], {"width": world.camera.width, "height": world.camera.height, "fps": world.timeline.fps})
+    _fill(values["render"], {"camera": asdict(world.camera)})
     values["render"]["assets"] = Path(config.render.assets).name
     kinds = {"annotations": True, "videos": config.renderer != "none", "proposals": config.masks}
     kinds["questions"] = config.has_questions
@@ -272,9 +310,31 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
         "config": json.loads(json.dumps(values)),  # as `read_json` gives it
         "splits": {name: [r.start, r.stop] for name, r in config.indices().items()},
         "kinds": [kind for kind, is_written in kinds.items() if is_written],
-        "n_frames": config.scene.n_frames,
+        "n_frames": values["scene"]["n_frames"],
         "versions": versions,
+        **json.loads(json.dumps(stored_world(world))),
     }
+
+
+def _fill(settings: dict[str, Any], values: Mapping[str, Any]) -> None:
+    """Put values in place of what settings leave out."""
+    settings.update({name: value for name, value in values.items() if settings[name] is None})
+
+
+def _scene_values(world: World) -> dict[str, Any]:
+    """What the world says about settings of scenes, but for `physics`."""
+    layout, physics = world.layout, world.physics
+    values: dict[str, Any] = {f"{kind}s": words for kind, words in world.vocabulary.words.items()}
+    values |= {"objects": dict(layout.objects), "participants": layout.participants}
+    values |= {"speed": physics.start_speed_world_per_s, "mass": physics.mass_range}
+    return values | {"n_frames": world.timeline.frames}
+
+
+def _clevrer_physics() -> dict[str, float]:
+    """What manifests say about the physics of CLEVRER's world. In others, each shape and material has friction of its own."""
+    words = CLEVRER_WORLD.vocabulary
+    frictions = {"friction": words.shape("cube").friction, "sphere_friction": words.shape("sphere").friction}
+    return {"gravity": CLEVRER_WORLD.physics.gravity, **frictions, "restitution": words.materials[0].restitution}
 
 
 def _make_videos(config: DatasetConfig, job: tuple[str, range], _: Path) -> None:
@@ -284,7 +344,9 @@ def _make_videos(config: DatasetConfig, job: tuple[str, range], _: Path) -> None
         video = split, index
         for number, removed in enumerate(removals_by_effect(scene)[: config.counterfactual_videos], 1):
             files = Files(config.output, *video, number)
-            _write_files(config, video, scene_without(scene, removed, config.scene), files, {"removed": removed})
+            _write_files(
+                config, video, scene_without(scene, removed, config.scene.physics), files, {"removed": removed}
+            )
         _write_files(config, video, scene, Files(config.output, *video), more_truth)
 
 
@@ -292,9 +354,10 @@ def _write_files(
     config: DatasetConfig, video: tuple[str, int], scene: SimulatedScene, files: Files, more_truth: dict[str, Any]
 ) -> None:
     split, index = video
-    view = view_of(config.render, scene.seed)
-    # Masks and visibility refer to the release's image size, whatever the video's size is.
-    camera = replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX)
+    world = config.own_world
+    view = view_of(config.render, scene.seed, world)
+    # Masks and visibility refer to the world's image size, whatever the video's size is.
+    camera = replace(view.camera, width=world.camera.width, height=world.camera.height)
     if config.renderer != "none":
         shown = spaced(scene.n_frames, config.render.frames or scene.n_frames)
         frames: Iterator[NDArray[np.uint8]]
@@ -304,7 +367,7 @@ def _write_files(
         else:
             preset = "slow"
             frames = _blender_frames(config.render, scene, view, shown.tolist())
-        write_video(files.video, frames, config.render.fps, config.render.crf, preset)
+        write_video(files.video, frames, config.render.fps or world.timeline.fps, config.render.crf, preset)
     if config.masks:
         write_json(files.proposals, proposal_document(scene, index, files.video.name, camera))
     if split != "test":

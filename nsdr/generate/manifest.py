@@ -11,8 +11,10 @@ from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import BulletConfig
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.configuration import config_of
+from nsdr.io.worlds import world_in
 from nsdr.validation import Settings, convert
 from nsdr.world.physics_constants import FPS
+from nsdr.world.world import CLEVRER_WORLD
 
 Config = TypeVar("Config", bound=Settings)
 
@@ -41,12 +43,14 @@ def made_with(manifest: Mapping[str, Any], root: Path) -> tuple[BulletConfig, Re
         DataError: the manifest has no valid options, or the videos show only some of the frames or have another frame rate.
     """
     where = f"{root / 'manifest.json'}: "
-    config = convert(manifest, _Manifest, where).config
+    config, world = convert(manifest, _Manifest, where).config, world_in(manifest, where)
+    if world != CLEVRER_WORLD:
+        raise DataError(f"{root}: was made in the world {world.name}; expected clevrer")
     physics = _known(BulletConfig, config.scene.physics, f"{where}config.scene.physics")
     render = _known(RenderConfig, config.render, f"{where}config.render")
     if render.frames:
         raise DataError(f"{root}: its videos show {render.frames} frames of each scene; make videos of all (frames: 0)")
-    if render.fps != FPS:
+    if render.fps not in (None, FPS):
         raise DataError(f"{root}: its videos have {render.fps} frames per second; expected {FPS}")
     return physics, render
 

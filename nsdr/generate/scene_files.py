@@ -8,9 +8,11 @@ from pycocotools import mask as rle
 from nsdr.generate.physics.bullet import Contact
 from nsdr.generate.physics.scene import SimulatedScene
 from nsdr.generate.render.geometry import Solid, instance_ids
+from nsdr.io.worlds import stored_world
 from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import Camera
 from nsdr.world.shapes import rendered_rotation
+from nsdr.world.vocabulary import Shape
 
 MIN_VISIBLE_PX = 20
 """Objects with fewer visible pixels get no mask."""
@@ -20,15 +22,19 @@ DECIMALS = 4
 
 def solids_at(scene: SimulatedScene, frame: int) -> list[Solid]:
     """Geometry of all objects in a frame."""
-    motion = scene.motion
+    motion, shapes = scene.motion, _shapes(scene)
     return [
         Solid(
-            o.shape,
-            motion.location_world[o.id, frame],
-            rendered_rotation(o.shape, motion.orientation[o.id, frame]).as_matrix(),
+            shape,
+            motion.location_world[i, frame],
+            rendered_rotation(shape, motion.orientation[i, frame]).as_matrix(),
         )
-        for o in scene.objects
+        for i, shape in enumerate(shapes)
     ]
+
+
+def _shapes(scene: SimulatedScene) -> list[Shape]:
+    return [scene.world.vocabulary.shape(o.shape) for o in scene.objects]
 
 
 def _masks(scene: SimulatedScene, frame: int, camera: Camera) -> dict[int, str]:
@@ -50,7 +56,7 @@ def annotation_document(scene: SimulatedScene, index: int, filename: str, camera
         "object_property": [{"object_id": o.id, **_attributes(scene, o.id)} for o in scene.objects],
         "motion_trajectory": _frames(scene, scene.n_frames, camera),
         "collision": [_collision(c) for c in scene.motion.contacts if c.frame < scene.n_frames],
-    }
+    } | stored_world(scene.world)
 
 
 def proposal_document(scene: SimulatedScene, index: int, filename: str, camera: Camera) -> dict[str, Any]:
@@ -64,7 +70,8 @@ def proposal_document(scene: SimulatedScene, index: int, filename: str, camera: 
                 {"mask": mask, **_attributes(scene, i), "score": 1.0, "video_index": index, "frame_index": f}
             )
         frames.append({"frame_index": f, "objects": objects})
-    return {"video_index": index, "video_filename": filename, "frames": frames}
+    content = {"video_index": index, "video_filename": filename, "frames": frames}
+    return content | stored_world(scene.world)
 
 
 def truth_document(scene: SimulatedScene, index: int, camera: Camera) -> dict[str, Any]:
@@ -81,7 +88,7 @@ def truth_document(scene: SimulatedScene, index: int, camera: Camera) -> dict[st
         "frames": _frames(scene, scene.motion.location_world.shape[1], camera),
         "collisions": [_collision(c) for c in scene.motion.contacts],
         "counterfactual": {str(i): [_collision(c) for c in contacts] for i, contacts in scene.counterfactual.items()},
-    }
+    } | stored_world(scene.world)
 
 
 def _attributes(scene: SimulatedScene, i: int) -> dict[str, str]:
@@ -100,7 +107,8 @@ def _collision(contact: Contact) -> dict[str, Any]:
 def _frames(scene: SimulatedScene, n_frames: int, camera: Camera) -> list[dict[str, Any]]:
     motion = scene.motion
     visible = [
-        in_image(o.shape, motion.location_world[o.id], motion.orientation[o.id, :, 2], camera) for o in scene.objects
+        in_image(shape, motion.location_world[i], motion.orientation[i, :, 2], camera)
+        for i, shape in enumerate(_shapes(scene))
     ]
     vectors = {
         "location": motion.location_world.round(DECIMALS),

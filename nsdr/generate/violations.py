@@ -25,6 +25,7 @@ from nsdr.generate.physics.violations import SIZES, break_law
 from nsdr.io.limits import limits
 from nsdr.types import LAWS
 from nsdr.validation import Share, one_of
+from nsdr.world.world import CLEVRER_WORLD
 
 SCENES_PER_PAIR = 400
 """Most scenes that are tried for one pair, because not every scene gives an occasion to break every law. Large data sets try
@@ -59,6 +60,8 @@ class ViolationsConfig(DatasetConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.own_world != CLEVRER_WORLD:
+            raise DataError(f"world: expected clevrer, whose laws are broken, got {self.own_world.name}")
         if self.counterfactual_videos:
             raise DataError("counterfactual_videos: expected 0, as counterfactual videos are lawful")
         if sum(share > 0 for share in self.splits.values()) != 1:

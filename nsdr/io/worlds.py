@@ -1,12 +1,18 @@
 """Worlds in files."""
 
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
+
+import msgspec
 
 from nsdr.io.configuration import check_sections
 from nsdr.io.reading import read_yaml
 from nsdr.io.shipped import find_config
 from nsdr.validation import convert
-from nsdr.world.world import World
+from nsdr.world.world import CLEVRER_WORLD, World
 
 
 def read_world(file_or_name: str | Path) -> World:
@@ -23,4 +29,32 @@ def read_world(file_or_name: str | Path) -> World:
     content = read_yaml(file)
     check_sections(World, content, str(file))
     world: World = convert(content, World, f"{file}: ")
+    return world
+
+
+def stored_world(world: World) -> dict[str, Any]:
+    """What a file says about its world: `world` with all values, or nothing for CLEVRER's."""
+    return {} if world == CLEVRER_WORLD else {"world": asdict(world)}
+
+
+def world_in(content: Mapping[str, Any], where: str = "") -> World:
+    """The world of a file, from its content: inverse of `stored_world`.
+
+    Args:
+        content: of the file.
+        where: the file or the place in it, with which error messages begin: "file.json: ".
+
+    Raises:
+        DataError: values that are no world.
+    """
+    stored = content.get("world")
+    if stored is None:
+        return CLEVRER_WORLD
+    check_sections(World, stored, f"{where}world")
+    return _world(msgspec.json.encode(stored), f"{where}world: ")
+
+
+@lru_cache(maxsize=16)
+def _world(stored: bytes, where: str) -> World:
+    world: World = convert(msgspec.json.decode(stored), World, where)
     return world

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
-from nsdr.world.shapes import extent
+from nsdr.world.shapes import extent, shape_of
+from nsdr.world.vocabulary import Shape
 
 CUT_MARGIN_PX = 2.0
 """A box side closer than this to the image border may be cut by it (pixels). Like `TOUCH_PX`, chosen by the accuracy of
@@ -18,10 +18,12 @@ TOUCH_PX = 2.0
 COVERED_SHARE = 0.6
 """A nearer box hides another box's top only when it covers more than this share of its width."""
 MIN_DEPTH_RADII = 3.0
-"""Objects whose centre has a smaller depth are not in the image (object radii)."""
+"""Objects whose centre has a smaller depth are not in the image (halves of their largest size)."""
 
 
-def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Camera = CLEVRER_CAMERA) -> BoolArray:
+def in_image(
+    shape: Shape | str, location_world: FloatArray, yaw: FloatArray, camera: Camera = CLEVRER_CAMERA
+) -> BoolArray:
     """Whether a part of an object is in the image, for each frame: CLEVRER's `inside_camera_view`.
 
     It is where the object reaches across each of the four planes through the camera and a border of the image.
@@ -30,7 +32,7 @@ def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Ca
     off by one frame.
 
     Args:
-        shape: "cube", "sphere" or "cylinder".
+        shape: a shape, or the word of one of CLEVRER's.
         location_world: (F, 3) centre; in frames with NaN the object is not in the image.
         yaw: (F,) radians; or (1,), the same in all frames.
         camera: the camera that takes the image.
@@ -41,7 +43,8 @@ def in_image(shape: str, location_world: FloatArray, yaw: FloatArray, camera: Ca
     planes = camera.border_planes
     inside = location_world @ planes[:, :3].T + planes[:, 3]
     reaches = (inside + extent(shape, planes[:, :3], yaw) > 0).all(1)
-    return np.asarray(reaches & (camera.depth(location_world) > MIN_DEPTH_RADII * OBJECT_RADIUS_WORLD))
+    radius = max(shape_of(shape).size_world) / 2
+    return np.asarray(reaches & (camera.depth(location_world) > MIN_DEPTH_RADII * radius))
 
 
 def cut_sides(box_xyxy_px: NDArray[Any]) -> BoolArray:

@@ -1,5 +1,6 @@
 """What the parts of a world may not have together."""
 
+from dataclasses import replace
 from itertools import product
 
 from nsdr.errors import DataError
@@ -43,7 +44,8 @@ def check_on_table(layout: Layout, physics: Physics) -> None:
 def check_in_view(layout: Layout, camera: Camera) -> None:
     """Raise `DataError` unless the camera sees the middle of the area, in images that a video can have."""
     x0, x1, y0, y1 = layout.area_world
-    column, row = camera.pixels([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
+    copy = replace(camera)  # what a camera keeps of its computations would be taken for settings
+    column, row = copy.pixels([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
     if not (0 <= column <= camera.width and 0 <= row <= camera.height):  # NaN behind the camera
         raise DataError(
             f"camera: eye_world {list(camera.eye_world)}, target_world {list(camera.target_world)}: the middle of "

@@ -8,7 +8,7 @@ from msgspec import Meta
 from nsdr.errors import DataError
 from nsdr.validation import Checked, Finite, NotNegative, Positive
 
-MIN_OBJECTS, MAX_OBJECTS = 2, 20
+MIN_OBJECTS, MAX_OBJECTS = 2, 32
 """Fewest and most objects of a scene: the first collision needs two."""
 START_SPACING = 0.83 / 0.4
 """Least distance between the centres of two objects at the start, as a multiple of the sum of half their widths; in CLEVRER's

@@ -24,6 +24,7 @@ from nsdr.errors import DataError
 from nsdr.io.files import write_file, write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
+from nsdr.io.worlds import world_in
 from nsdr.types import Scene
 from nsdr.validation import Count, PositiveCount, convert, expect
 from nsdr.world.physics_constants import VIDEO_FRAMES
@@ -143,7 +144,8 @@ def check_annotation(annotation: Any, where: str = "") -> None:
         DataError: names the location in the file and what was expected there.
     """
     content: _Annotation = convert(annotation, _Annotation, where)
-    check_objects(content["object_property"], "object_id", f"{where}object_property")
+    vocabulary = world_in(annotation, where).vocabulary
+    check_objects(content["object_property"], "object_id", f"{where}object_property", vocabulary)
     n, frames = len(content["object_property"]), content["motion_trajectory"]
     _check_frames(frames, n, f"{where}motion_trajectory")
     _check_collisions(content["collision"], n, f"{where}collision", len(frames))
@@ -165,17 +167,18 @@ def check_truth(truth: Any, where: str = "") -> None:
 
     Args:
         truth: content of the file: `scene_index`, `seed`, `objects`, `frames`, `collisions`, `counterfactual`, and `n_frames`
-            where the video has not 128.
+            where the video has not the number of its world's videos, in CLEVRER 128; and `world` if it is another one.
         where: see `check_annotation`.
 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
     content: _Truth = convert(truth, _Truth, where)
-    check_objects(content["objects"], "object_id", f"{where}objects")
+    world = world_in(truth, where)
+    check_objects(content["objects"], "object_id", f"{where}objects", world.vocabulary)
     n, frames = len(content["objects"]), content["frames"]
     _check_frames(frames, n, f"{where}frames")
-    n_frames = content.get("n_frames", VIDEO_FRAMES)
+    n_frames = content.get("n_frames", world.timeline.frames)
     expect(n_frames <= len(frames), f"{where}n_frames", f"at most {len(frames)}, the number of frames", n_frames)
     _check_collisions(content["collisions"], n, f"{where}collisions", len(frames))
     for removed, rows in content["counterfactual"].items():

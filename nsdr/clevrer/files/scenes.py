@@ -11,9 +11,10 @@ from nsdr.clevrer.files.annotations import check_annotation, check_truth, check_
 from nsdr.errors import DataError
 from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
+from nsdr.io.worlds import world_in
 from nsdr.types import Event, ObjectPhysics, Scene, SceneObject
 from nsdr.types.events import collisions_in_view, enter_exit_events
-from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
+from nsdr.world.physics_constants import VIDEO_FRAMES
 
 __all__ = [
     "iterate_scenes",
@@ -35,13 +36,14 @@ def scene_from_annotation(annotation: Mapping[str, Any]) -> Scene:
     try:
         objects = _objects(annotation["object_property"], "object_id")
         frames = annotation["motion_trajectory"]
-        visible, moving, velocity = _motion(frames, len(objects))
+        world = world_in(annotation)
+        visible, moving, velocity = _motion(frames, len(objects), world.physics.moving_speed_world_per_s)
         collisions = _collisions(annotation["collision"])
     except (KeyError, TypeError, IndexError) as e:
         raise DataError(f"not an annotation: {e!r}") from e
     events = enter_exit_events(visible) + collisions_in_view(collisions, visible)
     physics = ObjectPhysics(velocity, 0.0)
-    return Scene(objects, len(frames), visible, moving, tuple(events), physics=physics)
+    return Scene(objects, len(frames), visible, moving, tuple(events), physics=physics, world=world)
 
 
 def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> Scene:
@@ -49,15 +51,18 @@ def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> S
 
     Args:
         truth: `objects`, `frames` (7/5 of the video's), `collisions` and `counterfactual`.
-        n_frames: number of frames that the video shows; None takes the file's `n_frames`, or 128 if it has none.
+        n_frames: number of frames that the video shows; None takes the file's `n_frames`, or those of its
+            world's videos if it has none.
 
     Raises:
         DataError: a missing key or unknown attribute word.
     """
     try:
         objects = _objects(truth["objects"], "object_id")
-        n_frames = n_frames or truth.get("n_frames", VIDEO_FRAMES)
-        visible, moving, velocity = _motion(truth["frames"][:n_frames], len(objects))
+        world = world_in(truth)
+        n_frames = n_frames or truth.get("n_frames", world.timeline.frames)
+        shown = truth["frames"][:n_frames]
+        visible, moving, velocity = _motion(shown, len(objects), world.physics.moving_speed_world_per_s)
         collisions = _collisions(truth["collisions"])
         counterfactual = {int(removed): tuple(_collisions(rows)) for removed, rows in truth["counterfactual"].items()}
     except (KeyError, TypeError, IndexError) as e:
@@ -67,7 +72,9 @@ def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> S
     log_mass = _log_mass(truth["objects"])
     covariance = None if log_mass is None else np.zeros((len(objects), len(objects)))
     physics = ObjectPhysics(velocity, 0.0, log_mass, covariance)
-    return Scene(objects, n_frames, visible, moving, tuple(events), predicted, counterfactual, physics=physics)
+    return Scene(
+        objects, n_frames, visible, moving, tuple(events), predicted, counterfactual, physics=physics, world=world
+    )
 
 
 def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = VIDEO_FRAMES) -> Scene:
@@ -118,7 +125,7 @@ def _log_mass(rows: Sequence[Mapping[str, Any]]) -> NDArray[np.floating[Any]] | 
 
 
 def _motion(
-    frames: Sequence[Mapping[str, Any]], n: int
+    frames: Sequence[Mapping[str, Any]], n: int, moving_speed: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.floating[Any]]]:
     """Which objects are visible (n, F) and move (n, F), and velocities on the ground (n, F, 2), NaN for objects not listed."""
     visible, moving = np.zeros((n, len(frames)), bool), np.zeros((n, len(frames)), bool)
@@ -128,7 +135,7 @@ def _motion(
             i = o["object_id"]
             vx, vy, _ = o["velocity"]
             visible[i, f] = o["inside_camera_view"]
-            moving[i, f] = vx * vx + vy * vy > MOVING_SPEED_WORLD_PER_S**2
+            moving[i, f] = vx * vx + vy * vy > moving_speed**2
             velocity[i, f] = vx, vy
     return visible, moving, velocity
 

@@ -8,7 +8,7 @@ from msgspec import Meta
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
 from nsdr.validation import Count, expect
-from nsdr.world.vocabulary import ColorWord, MaterialWord, ShapeWord
+from nsdr.world.vocabulary import CLEVRER, Vocabulary, Word
 
 __all__ = [
     "LARGEST_COORDINATE",
@@ -45,19 +45,25 @@ FileName = Annotated[str, Meta(pattern=r"^(?!\.{1,2}$)[^/\\\x00-\x1f]+$")]
 
 
 class Words(TypedDict):
-    """An object by its attribute words."""
+    """An object by its attribute words; `check_objects` checks that a world has them."""
 
-    color: ColorWord
-    material: MaterialWord
-    shape: ShapeWord
+    color: Word
+    material: Word
+    shape: Word
 
 
-def check_objects(rows: Sequence[Any], key: str, place: str) -> None:
-    """Ids under `key` are 0, 1, ..., and attribute triples are unique; raises `DataError` that names the place."""
+def check_objects(rows: Sequence[Any], key: str, place: str, vocabulary: Vocabulary = CLEVRER) -> None:
+    """Ids under `key` are 0, 1, ..., words are those of a vocabulary, and attribute triples are unique.
+
+    Raises:
+        DataError: names the place.
+    """
     expect(len(rows) > 0, place, "at least 1 object", "none")
     check_limit(len(rows), "scene_objects", place)
     for i, row in enumerate(rows):
         expect(row[key] == i, f"{place}[{i}].{key}", str(i), row[key])
+        for kind, known in vocabulary.words.items():
+            expect(row[kind] in known, f"{place}[{i}].{kind}", f"one of {', '.join(known)}", row[kind])
     check_unique([f"{o['color']} {o['material']} {o['shape']}" for o in rows], place)
 
 

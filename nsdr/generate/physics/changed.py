@@ -8,9 +8,9 @@ from typing import Any
 from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import Body, Simulator
 from nsdr.generate.physics.disturbed import bodies_of, states_at
+from nsdr.io.worlds import world_in
 from nsdr.types import Event, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, check_speed
-from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 
 
 class TruthSimulator:
@@ -20,12 +20,12 @@ class TruthSimulator:
     collisions, the effect of a change is not known either.
 
     Args:
-        truth: content of a truth file, of a scene with CLEVRER's physics.
+        truth: content of a truth file, of a scene with its world's physics.
     """
 
     def __init__(self, truth: Mapping[str, Any]) -> None:
         self.objects: Sequence[Mapping[str, Any]] = sorted(truth["objects"], key=lambda o: int(o["object_id"]))
-        self.truth = truth
+        self.truth, self.world = truth, world_in(truth)
         self.collisions = [
             Event("collision", c["frame_id"], tuple(sorted(c["object_ids"]))) for c in truth["collisions"]
         ]
@@ -40,12 +40,13 @@ class TruthSimulator:
         Raises:
             DataError: another intervention, one that is impossible, or a video whose simulation does not repeat its truth.
         """
-        bodies = bodies_of([o["shape"] for o in self.objects], states_at(self.truth, from_frame))
+        states = states_at(self.truth, from_frame)
+        bodies = bodies_of([o["shape"] for o in self.objects], states, [o["material"] for o in self.objects])
         if not isinstance(change, SetMass | SetVelocity) or not isinstance(change.object, int):
             raise DataError(f"{change!r:.80}: expected a SetMass or SetVelocity of an object by its id")
         changed = list(bodies)
-        changed[change.object] = _changed(bodies[change.object], change)
-        with Simulator() as simulator:
+        changed[change.object] = _changed(bodies[change.object], change, self.world.physics.moving_speed_world_per_s)
+        with Simulator(world=self.world) as simulator:
             same, found = (self._simulated(simulator, start, from_frame) for start in (bodies, changed))
         if {e.objects for e in same} != {e.objects for e in self.collisions}:
             raise DataError(
@@ -63,7 +64,7 @@ class TruthSimulator:
         return sorted(first.values(), key=lambda e: e.frame)
 
 
-def _changed(body: Body, change: SetMass | SetVelocity) -> Body:
+def _changed(body: Body, change: SetMass | SetVelocity, moving_speed: float) -> Body:
     if isinstance(change, SetMass):
         return replace(body, mass=body.mass * change.factor)
     vx, vy, vz = body.velocity
@@ -72,7 +73,7 @@ def _changed(body: Body, change: SetMass | SetVelocity) -> Body:
         if change.vx or change.vy or change.vx is None:
             raise DataError(f"{change!r:.80}: expected a factor, or vx=0 and vy=0")
         return replace(body, velocity=(0.0, 0.0, vz))
-    if speed < MOVING_SPEED_WORLD_PER_S:
+    if speed < moving_speed:
         raise DataError("the object rests, so it has no speed to multiply")
     check_speed("SetVelocity", speed * abs(change.factor))
     return replace(body, velocity=(change.factor * vx, change.factor * vy, vz))

@@ -48,10 +48,11 @@ def disturbed(states: NDArray[np.float64], error_world: float, rng: np.random.Ge
     return states
 
 
-def bodies_of(shapes: Sequence[str], states: NDArray[np.float64]) -> list[Body]:
-    """Bodies of these shapes in the states (n, 13) of `states_at`."""
+def bodies_of(shapes: Sequence[str], states: NDArray[np.float64], materials: Sequence[str] | None = None) -> list[Body]:
+    """Bodies of these shapes and materials in the states (n, 13) of `states_at`; None for the first material of the world."""
+    words: Sequence[str | None] = [None] * len(shapes) if materials is None else materials
     bodies = []
-    for shape, row in zip(shapes, states.tolist(), strict=True):
+    for shape, material, row in zip(shapes, words, states.tolist(), strict=True):
         location, orientation, velocity, spin = (tuple(row[k : k + 3]) for k in (0, 3, 6, 9))
-        bodies.append(Body(shape, location, orientation, velocity, spin, row[12]))
+        bodies.append(Body(shape, location, orientation, velocity, spin, row[12], material=material))
     return bodies

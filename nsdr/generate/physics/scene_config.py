@@ -1,7 +1,7 @@
 """What generated scenes look like: numbers of objects, attributes, start states and the planned collisions."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from msgspec import Meta
@@ -9,21 +9,20 @@ from msgspec import Meta
 from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import BulletConfig
 from nsdr.io.limits import check_limit, limits
-from nsdr.validation import NotNegative, Positive, Settings, expect, one_of
-from nsdr.world.physics_constants import MASS_RANGE, START_SPEED_RANGE_WORLD_PER_S, VIDEO_FRAMES, horizon_frame
-from nsdr.world.vocabulary import ATTRIBUTES, COLORS, MATERIALS, SHAPES
+from nsdr.validation import NotNegative, Positive, Settings, expect
+from nsdr.world.layout import MIN_OBJECTS
+from nsdr.world.vocabulary import Vocabulary, Word
+from nsdr.world.world import World
 
 Triple = tuple[str, str, str]
 """(color, material, shape) of an object."""
-MIN_SCENE_OBJECTS = 2
-"""Smallest number of objects in a scene: the first collision needs two."""
 MIN_VIDEO_FRAMES = 10
 """Shortest video (frames)."""
 
 
 @dataclass(frozen=True)
 class SceneConfig(Settings):
-    """What scenes look like. The defaults match the released videos.
+    """What scenes look like. What is null (None in Python) is the world's; CLEVRER's matches the released videos.
 
     The first `participants` objects of a scene take part in collisions; the others rest as bystanders.
 
@@ -38,57 +37,85 @@ class SceneConfig(Settings):
             `held_out` in compositional splits.
         speed: min and max initial speed of moving objects (world units/s).
         mass: min and max mass (relative).
-        n_frames: frames of the video; 7/5 as many are simulated.
+        n_frames: frames of the video; more are simulated, in CLEVRER 7/5 as many.
         physics: parameters of the simulation.
     """
 
-    objects: Mapping[int, NotNegative] = field(default_factory=lambda: {4: 0.36, 5: 0.335, 6: 0.305})
-    participants: Annotated[int, Meta(ge=MIN_SCENE_OBJECTS)] = 4
-    shapes: Annotated[tuple[Annotated[str, one_of(SHAPES)], ...], Meta(min_length=1)] = SHAPES
-    colors: Annotated[tuple[Annotated[str, one_of(COLORS)], ...], Meta(min_length=1)] = COLORS
-    materials: Annotated[tuple[Annotated[str, one_of(MATERIALS)], ...], Meta(min_length=1)] = MATERIALS
+    objects: Mapping[int, NotNegative] | None = None
+    participants: Annotated[int, Meta(ge=MIN_OBJECTS)] | None = None
+    shapes: Annotated[tuple[Word, ...], Meta(min_length=1)] | None = None
+    colors: Annotated[tuple[Word, ...], Meta(min_length=1)] | None = None
+    materials: Annotated[tuple[Word, ...], Meta(min_length=1)] | None = None
     held_out: tuple[str, ...] = ()
     only: tuple[str, ...] = ()
-    speed: tuple[Positive, Positive] = START_SPEED_RANGE_WORLD_PER_S
-    mass: tuple[Positive, Positive] = MASS_RANGE
-    n_frames: Annotated[int, Meta(ge=MIN_VIDEO_FRAMES)] = VIDEO_FRAMES
+    speed: tuple[Positive, Positive] | None = None
+    mass: tuple[Positive, Positive] | None = None
+    n_frames: Annotated[int, Meta(ge=MIN_VIDEO_FRAMES)] | None = None
     physics: BulletConfig = field(default_factory=BulletConfig)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         most = limits().scene_objects
-        check_limit(self.n_frames, "frames", "n_frames")
-        check_limit(self.participants, "scene_objects", "participants")
-        if not all(MIN_SCENE_OBJECTS <= n <= most for n in self.objects) or not any(self.objects.values()):
-            expected = f"probabilities of {MIN_SCENE_OBJECTS} to {most} objects"
-            raise DataError(f"objects: expected {expected}, got {dict(self.objects)}")
+        check_limit(self.n_frames or 0, "frames", "n_frames")
+        check_limit(self.participants or 0, "scene_objects", "participants")
+        objects = {MIN_OBJECTS: 1.0} if self.objects is None else self.objects
+        if not all(MIN_OBJECTS <= n <= most for n in objects) or not any(objects.values()):
+            expected = f"probabilities of {MIN_OBJECTS} to {most} objects"
+            raise DataError(f"objects: expected {expected}, got {dict(objects)}")
         for name in ("speed", "mass"):
-            low, high = getattr(self, name)
+            low, high = getattr(self, name) or (0, 0)
             expect(low <= high, name, "a minimum and a maximum that is not below it", (low, high))
-        for pattern in (*self.held_out, *self.only):
-            kinds = [{w: k for k, words in ATTRIBUTES.items() for w in words}.get(w, "") for w in pattern.split()]
-            if not kinds or "" in kinds or len(set(kinds)) < len(kinds):
-                raise DataError(f"held_out and only: expected combinations such as red metal cube, got {pattern!r}")
-        if len(self.triples) < max(self.objects):
+
+    def world_of(self, world: World) -> World:
+        """The world with these settings in place of its own, but for `physics` and the choice of words."""
+        physics, layout, timeline = world.physics, world.layout, world.timeline
+        if self.speed is not None:
+            physics = replace(physics, start_speed_world_per_s=self.speed)
+        if self.mass is not None:
+            physics = replace(physics, mass_range=self.mass)
+        if self.objects is not None:
+            layout = replace(layout, objects=tuple(self.objects.items()))
+        if self.participants is not None:
+            layout = replace(layout, participants=self.participants)
+        if self.n_frames is not None:
+            timeline = replace(timeline, frames=self.n_frames)
+        return replace(world, physics=physics, layout=layout, timeline=timeline)
+
+    def triples_in(self, world: World) -> list[Triple]:
+        """Allowed combinations of attributes.
+
+        Raises:
+            DataError: words that the world does not have, or combinations that are too few.
+        """
+        known = world.vocabulary.words
+        chosen = {"shape": self.shapes, "color": self.colors, "material": self.materials}
+        for kind, words in chosen.items():
+            unknown = ", ".join(word for word in words or () if word not in known[kind])
+            expect(not unknown, f"{kind}s", f"some of {', '.join(known[kind])}", unknown)
+        colors, materials, shapes = (chosen[kind] or words for kind, words in known.items())
+        _check_patterns((*self.held_out, *self.only), world.vocabulary)
+        every = [(c, m, s) for c in colors for m in materials for s in shapes]
+        triples = [t for t in every if not matches_any(t, self.held_out)]
+        most = max(self.objects) if self.objects is not None else world.layout.most_objects
+        if len(triples) < most:
             raise DataError(
-                f"shapes, colors, materials and held_out leave {len(self.triples)} combinations for scenes of "
-                f"{max(self.objects)} objects; no combination occurs twice in a scene"
+                f"shapes, colors, materials and held_out leave {len(triples)} combinations for scenes of {most} objects; "
+                "no combination occurs twice in a scene"
             )
-        if self.only and not any(matches_any(t, self.only) for t in self.triples):
+        if self.only and not any(matches_any(t, self.only) for t in triples):
             raise DataError(
                 f"only: shapes, colors, materials and held_out leave no combination that matches {', '.join(self.only)}"
             )
+        return triples
 
-    @property
-    def triples(self) -> list[Triple]:
-        """Allowed combinations of attributes."""
-        every = [(c, m, s) for c in self.colors for m in self.materials for s in self.shapes]
-        return [t for t in every if not matches_any(t, self.held_out)]
 
-    @property
-    def simulated_frames(self) -> int:
-        """Number of frames that are simulated, see `nsdr.world.physics_constants.horizon_frame`."""
-        return horizon_frame(self.n_frames)
+def _check_patterns(patterns: Sequence[str], vocabulary: Vocabulary) -> None:
+    kind_of = {word: kind for kind, words in vocabulary.words.items() for word in words}
+    for pattern in patterns:
+        kinds = [kind_of.get(word, "") for word in pattern.split()]
+        if not kinds or "" in kinds or len(set(kinds)) < len(kinds):
+            example = " ".join(words[0] for words in vocabulary.words.values())
+            raise DataError(f"held_out and only: expected combinations such as {example}, got {pattern!r}")
 
 
 def matches_any(triple: Triple, patterns: Sequence[str]) -> bool:

@@ -165,7 +165,7 @@ def _inertia(lawful: LawfulScene, change: float, _: int) -> BrokenScene | None:
 
 def _friction(lawful: LawfulScene, deceleration: float, _: int) -> BrokenScene | None:
     """The ground brakes an object more than it can."""
-    gravity = lawful.simulator.config.gravity
+    gravity = lawful.simulator.world.physics.gravity
     for i, f in lawful.moments(SLIDING_FRAMES, 2 * MOVING_SPEED):
         body = lawful.body(i, f)
         rough = replace(body, friction=GROUND_FRICTION[body.shape] + deceleration / gravity)

@@ -9,15 +9,19 @@ from typing import Any
 from nsdr.errors import DataError
 from nsdr.generate.quiet import quiet
 from nsdr.generate.render.geometry import Solid
-from nsdr.generate.render.view import LAMPS, RenderConfig, View
+from nsdr.generate.render.view import RenderConfig, View
 from nsdr.types import SceneObject
 from nsdr.world.camera import SENSOR_MM
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
-from nsdr.world.vocabulary import COLORS_RGB
+from nsdr.world.look import Look
+from nsdr.world.shapes import shape_of
+from nsdr.world.vocabulary import Material
+from nsdr.world.world import World
 
-ASSET_SHAPES = {"cube": "SmoothCube_v2", "sphere": "Sphere", "cylinder": "SmoothCylinder"}
-ASSET_MATERIALS = {"rubber": "Rubber", "metal": "MyMetal"}
-"""Names of the shapes and materials in CLEVR's asset files."""
+ASSET_SHAPES = {"box": "SmoothCube_v2", "sphere": "Sphere", "cylinder": "SmoothCylinder"}
+ASSET_MATERIALS = {(False, 0.59): "Rubber", (True, 0.1): "MyMetal"}
+"""Names of the solids and materials in CLEVR's asset files; materials by whether they are metallic, and their roughness."""
+LAMPS = Look().lamps
+"""The lamps of CLEVR's base scene."""
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 """Cycles' GPU back ends, tried in this order."""
 
@@ -64,7 +68,7 @@ class Blender:
         for drawn in self._drawn.values():
             drawn.hide_render = True
         for o, solid in zip(objects, solids, strict=True):
-            drawn = self._object(o)
+            drawn = self._object(o, solid, view.world)
             rotation = Matrix([[float(x) for x in row] for row in solid.rotation])
             drawn.hide_render, drawn.location = False, [float(x) for x in solid.location_world]
             drawn.rotation_quaternion = rotation.to_quaternion()
@@ -99,33 +103,54 @@ class Blender:
         for lamp, position, shift in zip(LAMPS, self._lamp_positions, view.lamp_shift_world, strict=True):
             self.bpy.data.objects[lamp.name].location = [a + b for a, b in zip(position, shift, strict=True)]
 
-    def _object(self, o: SceneObject) -> Any:
+    def _object(self, o: SceneObject, solid: Solid, world: World) -> Any:
         key = (o.color, o.material, o.shape)
         if key not in self._drawn:
-            name = ASSET_SHAPES[o.shape]
+            shape = shape_of(solid.shape)
+            name = ASSET_SHAPES[shape.solid]
             self._append(self.assets / "shapes" / f"{name}.blend", "Object", name)
             drawn = self.bpy.data.objects[name]
-            drawn.name, drawn.scale = "_".join(key), (OBJECT_RADIUS_WORLD,) * 3
+            drawn.name, drawn.scale = "_".join(key), tuple(edge / 2 for edge in shape.size_world)
             drawn.data.materials.clear()
-            drawn.data.materials.append(self._material(o))
+            drawn.data.materials.append(self._material(o, world))
             drawn.rotation_mode = "QUATERNION"
             self._drawn[key] = drawn
         return self._drawn[key]
 
-    def _material(self, o: SceneObject) -> Any:
+    def _material(self, o: SceneObject, world: World) -> Any:
         material = self.bpy.data.materials.new(o.name)
         material.use_nodes = True
         nodes = material.node_tree.nodes
         nodes.clear()
         group = nodes.new("ShaderNodeGroup")
-        group.node_tree = self.bpy.data.node_groups[ASSET_MATERIALS[o.material]]
-        group.inputs["Color"].default_value = [c / 255 for c in COLORS_RGB[o.color]] + [1.0]
+        group.node_tree = self.bpy.data.node_groups[_asset(world.vocabulary.material(o.material))]
+        group.inputs["Color"].default_value = [c / 255 for c in world.vocabulary.color(o.color).srgb] + [1.0]
         output = nodes.new("ShaderNodeOutputMaterial")
         material.node_tree.links.new(group.outputs["Shader"], output.inputs["Surface"])
         return material
 
     def _append(self, blend: Path, folder: str, name: str) -> None:
         self.bpy.ops.wm.append(filename=name, directory=str(blend / folder) + "/")
+
+
+def check_assets_fit(world: World) -> None:
+    """Raise `DataError` unless CLEVR's asset files have the table, lamps and materials of a world."""
+    if world.look != Look():
+        raise DataError(
+            f"renderer blender: world {world.name}: look: the table and lamps are those of CLEVR's base scene; expected "
+            "the look of the world clevrer, or renderer preview"
+        )
+    for material in world.vocabulary.materials:
+        if (material.metallic, material.roughness) not in ASSET_MATERIALS:
+            raise DataError(
+                f"renderer blender: world {world.name}: material {material.word}: CLEVR's assets have metallic materials "
+                "with a roughness of 0.1 and others with 0.59; expected one of these, or renderer preview"
+            )
+
+
+def _asset(material: Material) -> str:
+    """The name of a material in the asset files."""
+    return ASSET_MATERIALS[material.metallic, material.roughness]
 
 
 def _bpy() -> ModuleType:

@@ -1,4 +1,4 @@
-"""Cubes, spheres and cylinders met by rays: what the preview renderer, exact masks and optical flow are made from.
+"""Boxes, spheres and cylinders met by rays: what the preview renderer, exact masks and optical flow are made from.
 
 Points and directions in compiled functions are (x, y, z) tuples in world units; directions have length 1.
 """
@@ -13,21 +13,22 @@ from numpy.typing import NDArray
 from nsdr.dynamics.numba_cache import cached_njit, inlined_njit
 from nsdr.validation import FloatArray
 from nsdr.world.camera import Camera
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+from nsdr.world.shapes import shape_of
+from nsdr.world.vocabulary import Shape
 
-CUBE, SPHERE, CYLINDER = 0, 1, 2
-KIND_OF_SHAPE = {"cube": CUBE, "sphere": SPHERE, "cylinder": CYLINDER}
-KIND, CENTRE, AXES = 0, 1, 4
-"""Columns of an array of solids."""
+BOX, SPHERE, CYLINDER = 0, 1, 2
+KINDS = {"box": BOX, "sphere": SPHERE, "cylinder": CYLINDER}
+KIND, CENTRE, AXES, HALF, BOUND, INNER, EDGE = 0, 1, 4, 13, 16, 17, 18
+"""Columns of an array of solids: kind, centre, directions of the axes, half of the size along each of them, the radii of a
+sphere around the solid and of one inside it, and the width of the edges (world units)."""
 PLACE, FACING, COLOR, RIGHT, UP, HALF_DIAGONAL = 0, 3, 6, 9, 12, 15
 """Columns of an array of lights: centre, direction in which it shines, linear RGB intensity, directions of its sides, of a
 side's length, and half of its diagonal (world units)."""
-R = OBJECT_RADIUS_WORLD
-CUBE_EDGE_WORLD, CYLINDER_EDGE_WORLD = 0.12 * R, 0.03 * R
-"""Width of the strip along the edges of cubes and cylinders in which the normal turns from one face to the next. CLEVR's
-shapes have rounded edges there; the outlines stay those of the exact masks."""
-BOUND_WORLD = 1.75 * R
-"""Radius of a sphere around every shape; a cube's corner is at sqrt(3) R."""
+EDGE_SHARE = {"box": 0.12, "sphere": 0.0, "cylinder": 0.03}
+"""Width of the strip along the edges in which the normal turns from one face to the next, as a share of the smallest half
+of the size. CLEVR's shapes have rounded edges there; the outlines stay those of the exact masks."""
+BOUND_SHARE = 1.75
+"""Radius of the sphere around a solid, in largest halves of its size; a cube's corner is at sqrt(3)."""
 MIN_DISTANCE = 1e-9
 """Hits nearer to the start of a ray do not count (multiples of the direction's length)."""
 SHADOW_DEPTH = 0.93
@@ -41,20 +42,25 @@ class Solid:
     """Geometry of an object in one frame.
 
     Attributes:
-        shape: "cube", "sphere" or "cylinder".
+        shape: a shape, or the word of one of CLEVRER's.
         location_world: (3,) centre.
         rotation: (3, 3) rotation matrix from the object's axes to the world's.
     """
 
-    shape: str
+    shape: Shape | str
     location_world: FloatArray
     rotation: FloatArray
 
 
 def solids_of(solids: Sequence[Solid]) -> NDArray[np.float64]:
-    """(n, 13) the solids of a frame for compiled functions: `KIND`, `CENTRE` and, from `AXES` on, directions of their axes."""
-    rows = [[KIND_OF_SHAPE[s.shape], *s.location_world, *s.rotation.T.ravel()] for s in solids]
-    return np.array(rows, float).reshape(-1, 13)
+    """(n, 19) the solids of a frame for compiled functions, with the columns `KIND` to `EDGE`."""
+    rows = []
+    for solid in solids:
+        shape = shape_of(solid.shape)
+        half = [edge / 2 for edge in shape.size_world]
+        sizes = [*half, BOUND_SHARE * max(half), min(half), EDGE_SHARE[shape.solid] * min(half)]
+        rows.append([KINDS[shape.solid], *solid.location_world, *solid.rotation.T.ravel(), *sizes])
+    return np.array(rows, float).reshape(-1, 19)
 
 
 def eye_of(camera: Camera) -> NDArray[np.float64]:
@@ -102,44 +108,45 @@ def _inward(solids, i, d):  # type: ignore[no-untyped-def]
 
 
 @inlined_njit
-def _slab(o, d):  # type: ignore[no-untyped-def]
-    """Where a ray enters and leaves the space between two opposite faces of a cube (multiples of the direction's length)."""
+def _slab(half, o, d):  # type: ignore[no-untyped-def]
+    """Where a ray enters and leaves the space between two opposite faces of a box (multiples of the direction's length)."""
     if d == 0.0:
-        return (-math.inf, math.inf) if abs(o) < R else (math.inf, -math.inf)
-    a, b = (-R - o) / d, (R - o) / d
+        return (-math.inf, math.inf) if abs(o) < half else (math.inf, -math.inf)
+    a, b = (-half - o) / d, (half - o) / d
     return (a, b) if a < b else (b, a)
 
 
 @inlined_njit
-def _hit(kind, o, d):  # type: ignore[no-untyped-def]
+def _hit(kind, half, o, d):  # type: ignore[no-untyped-def]
     """Distance of the first hit of a ray from outside, in multiples of the direction's length; infinite for a miss.
 
-    The start `o` and the direction `d` are in the solid's axes.
+    The start `o`, the direction `d` and half of the solid's size are along the solid's axes.
     """
+    r, _, height = half
     ox, oy, oz = o
     dx, dy, dz = d
-    if kind == CUBE:
-        enter_x, leave_x = _slab(ox, dx)
-        enter_y, leave_y = _slab(oy, dy)
-        enter_z, leave_z = _slab(oz, dz)
+    if kind == BOX:
+        enter_x, leave_x = _slab(half[0], ox, dx)
+        enter_y, leave_y = _slab(half[1], oy, dy)
+        enter_z, leave_z = _slab(half[2], oz, dz)
         enter, leave = max(enter_x, enter_y, enter_z), min(leave_x, leave_y, leave_z)
         return enter if MIN_DISTANCE < enter < leave else math.inf
     if kind == SPHERE:
-        a, b, c = dx * dx + dy * dy + dz * dz, dx * ox + dy * oy + dz * oz, ox * ox + oy * oy + oz * oz - R * R
+        a, b, c = dx * dx + dy * dy + dz * dz, dx * ox + dy * oy + dz * oz, ox * ox + oy * oy + oz * oz - r * r
         h = b * b - a * c
         t = (-b - math.sqrt(h)) / a if h > 0.0 else -1.0
         return t if t > MIN_DISTANCE else math.inf
     best = math.inf
-    a, b, c = dx * dx + dy * dy, dx * ox + dy * oy, ox * ox + oy * oy - R * R
+    a, b, c = dx * dx + dy * dy, dx * ox + dy * oy, ox * ox + oy * oy - r * r
     h = b * b - a * c
     if h > 0.0 and a > 0.0:
         t = (-b - math.sqrt(h)) / a
-        if t > MIN_DISTANCE and abs(oz + t * dz) <= R:
+        if t > MIN_DISTANCE and abs(oz + t * dz) <= height:
             best = t
     if dz != 0.0:
-        t = ((R if dz < 0.0 else -R) - oz) / dz
+        t = ((height if dz < 0.0 else -height) - oz) / dz
         x, y = ox + t * dx, oy + t * dy
-        if MIN_DISTANCE < t < best and x * x + y * y <= R * R:
+        if MIN_DISTANCE < t < best and x * x + y * y <= r * r:
             best = t
     return best
 
@@ -154,9 +161,9 @@ def first_hit(solids, p, d, besides):  # type: ignore[no-untyped-def]
     for i in range(len(solids)):
         o = added(p, -1.0, three(solids, i, CENTRE))
         along = dot(o, d)
-        if i == besides or along > 0.0 or dot(o, o) - along * along > BOUND_WORLD * BOUND_WORLD:
+        if i == besides or along > 0.0 or dot(o, o) - along * along > solids[i, BOUND] ** 2:
             continue
-        t = _hit(solids[i, KIND], _inward(solids, i, o), _inward(solids, i, d))
+        t = _hit(solids[i, KIND], three(solids, i, HALF), _inward(solids, i, o), _inward(solids, i, d))
         if t < nearest:
             nearest, index = t, i
     return index, nearest
@@ -167,12 +174,12 @@ def _hidden(solids, i, p, way, lights, k):  # type: ignore[no-untyped-def]
     """Share (0-1) of the points of light `k` that solid `i` hides from a point; `way` leads to the light's centre."""
     o, d = _inward(solids, i, added(p, -1.0, three(solids, i, CENTRE))), _inward(solids, i, way)
     right, up = _inward(solids, i, three(lights, k, RIGHT)), _inward(solids, i, three(lights, k, UP))
-    hits = 0
+    half, hits = three(solids, i, HALF), 0
     for line in range(LAMP_SIDE_POINTS):
         start = added(d, (line + 0.5) / LAMP_SIDE_POINTS - 0.5, up)
         for column in range(LAMP_SIDE_POINTS):
             place = added(start, (column + 0.5) / LAMP_SIDE_POINTS - 0.5, right)
-            hits += _hit(solids[i, KIND], o, place) < 1.0
+            hits += _hit(solids[i, KIND], half, o, place) < 1.0
     return hits / LAMP_SIDE_POINTS**2
 
 
@@ -194,10 +201,10 @@ def find_light(solids, lights, p, n, besides, found):  # type: ignore[no-untyped
             if along <= 0.0 or i == besides:
                 continue
             aside, radius = added(o, along, way), along * lights[k, HALF_DIAGONAL]
-            squared, inner = dot(aside, aside), max(R - radius, 0.0)
+            squared, inner = dot(aside, aside), max(solids[i, INNER] - radius, 0.0)
             if squared < inner * inner:  # the solid's inner sphere fills the beam from the point to the light
                 light *= 1.0 - SHADOW_DEPTH
-            elif squared < (BOUND_WORLD + radius) ** 2:
+            elif squared < (solids[i, BOUND] + radius) ** 2:
                 light *= 1.0 - SHADOW_DEPTH * _hidden(solids, i, p, way, lights, k)
         found[k] = light
 
@@ -206,16 +213,15 @@ def find_light(solids, lights, p, n, besides, found):  # type: ignore[no-untyped
 def normal_at(solids, i, p):  # type: ignore[no-untyped-def]
     """Outward normal at a point of a solid's surface; near edges it turns from one face to the next."""
     x, y, z = _inward(solids, i, added(p, -1.0, three(solids, i, CENTRE)))
-    if solids[i, KIND] == CUBE:
-        inner = R - CUBE_EDGE_WORLD
-        x = math.copysign(max(abs(x) - inner, 0.0), x)
-        y = math.copysign(max(abs(y) - inner, 0.0), y)
-        z = math.copysign(max(abs(z) - inner, 0.0), z)
+    half, edge = three(solids, i, HALF), solids[i, EDGE]
+    if solids[i, KIND] == BOX:
+        x = math.copysign(max(abs(x) - (half[0] - edge), 0.0), x)
+        y = math.copysign(max(abs(y) - (half[1] - edge), 0.0), y)
+        z = math.copysign(max(abs(z) - (half[2] - edge), 0.0), z)
     elif solids[i, KIND] == CYLINDER:
-        inner = R - CYLINDER_EDGE_WORLD
         radius = math.sqrt(x * x + y * y)
-        share = max(radius - inner, 0.0) / radius if radius > 0.0 else 0.0
-        x, y, z = x * share, y * share, math.copysign(max(abs(z) - inner, 0.0), z)
+        share = max(radius - (half[0] - edge), 0.0) / radius if radius > 0.0 else 0.0
+        x, y, z = x * share, y * share, math.copysign(max(abs(z) - (half[2] - edge), 0.0), z)
     n = added(added((0.0, 0.0, 0.0), x, three(solids, i, AXES)), y, three(solids, i, AXES + 3))
     return _unit(added(n, z, three(solids, i, AXES + 6)))
 

@@ -14,12 +14,12 @@ from nsdr.generate.render.geometry import (
     normal_at,
     three,
 )
-from nsdr.generate.render.view import GROUND_REFLECTANCE
 
-SURFACE_COLOR, BELOW, METAL = 0, 3, 6
-"""Columns of an array of surfaces: linear RGB of an object's colour and of the ground below it, and 1 for metal."""
-AMBIENT = 0.039
-"""Radiance that reaches every point after many bounces (linear); the best of 0.02 to 0.06 on the released background."""
+SURFACE_COLOR, BELOW, METAL, ROUGHNESS = 0, 3, 6, 7
+"""Columns of an array of surfaces: linear RGB of an object's colour and of the ground below it, 1 for metal, and the roughness
+of the gloss."""
+REFLECTANCE, AMBIENT = 0, 1
+"""Rows of an array of a ground: reflectance, and radiance that reaches every point after many bounces (linear RGB)."""
 BACKDROP_NORMAL = (0.904, -0.428, 0.0)
 """Direction in which the wall behind CLEVR's scene faces. Its ground curves up to it."""
 BACKDROP_DISTANCE_WORLD = 13.0
@@ -32,12 +32,12 @@ ROUGH_HORIZON = 0.35
 """Half of the range of the reflected ray's upward component over which a rough mirror blends ground and sky."""
 SKY = 0.012
 """Radiance that a rough mirror reflects from above the horizon, lamps excluded (linear)."""
-RUBBER_GLOSS_ROUGHNESS, RUBBER_GLOSS_IOR = 0.59, 1.25
-"""Roughness of rubber's gloss, and refractive index of the Fresnel factor that mixes it in; as in CLEVR's material."""
-METAL_ROUGH, METAL_SHARP = 0.447, 0.1
-"""Roughness of the two glossy surfaces of CLEVR's metal."""
+RUBBER_GLOSS_IOR = 1.25
+"""Refractive index of the Fresnel factor that mixes in rubber's gloss, as in CLEVR's material."""
+METAL_ROUGH = 0.447
+"""Roughness of the second, rougher gloss of CLEVR's metal."""
 METAL_SHARP_SHARE = 0.6
-"""Share of metal's sharper gloss."""
+"""Share of metal's first gloss."""
 RUBBER_MATT = 0.9
 """Share of light that rubber scatters; with more, rubber is brighter than Blender's (`python -m benchmarks.generate`)."""
 MIN_COS = 0.25
@@ -51,7 +51,7 @@ def _times(a, b):  # type: ignore[no-untyped-def]
 
 
 @inlined_njit
-def background(solids, lights, p, d, found):  # type: ignore[no-untyped-def]
+def background(solids, lights, ground, p, d, found):  # type: ignore[no-untyped-def]
     """Colour of the ground or the wall behind it where a ray meets them, with the solids' shadows."""
     towards = -dot(d, BACKDROP_NORMAL)
     wall = (BACKDROP_DISTANCE_WORLD + dot(p, BACKDROP_NORMAL)) / towards if towards > 0.0 else math.inf
@@ -61,10 +61,15 @@ def background(solids, lights, p, d, found):  # type: ignore[no-untyped-def]
         return 0.0, 0.0, 0.0
     q = added(p, t, d)
     n = (0.0, 0.0, 1.0) if floor <= wall else BACKDROP_NORMAL
-    color = (AMBIENT, AMBIENT, AMBIENT)
+    color, reflectance = three(ground, AMBIENT, 0), three(ground, REFLECTANCE, 0)
     find_light(solids, lights, q, n, -1, found)
     for k in range(len(lights)):
-        color = added(color, found[k] * SCATTERED * GROUND_REFLECTANCE, three(lights, k, COLOR))
+        light, lamp = found[k] * SCATTERED, three(lights, k, COLOR)
+        color = (
+            color[0] + light * reflectance[0] * lamp[0],
+            color[1] + light * reflectance[1] * lamp[1],
+            color[2] + light * reflectance[2] * lamp[2],
+        )
     return color
 
 
@@ -88,7 +93,7 @@ def _fresnel(ior, cos_view):  # type: ignore[no-untyped-def]
 
 
 @inlined_njit
-def _lamps(solids, lights, i, metal, p, n, d, found):  # type: ignore[no-untyped-def]
+def _lamps(solids, lights, i, metal, roughness, p, n, d, found):  # type: ignore[no-untyped-def]
     """Light of the lamps that solid `i` scatters in all directions, and light that its gloss reflects back along the ray."""
     cos_view = -dot(d, n)
     find_light(solids, lights, p, n, i, found)
@@ -103,11 +108,11 @@ def _lamps(solids, lights, i, metal, p, n, d, found):  # type: ignore[no-untyped
         half = (cos_light + cos_view) ** 2 / (2.0 - 2.0 * dot(way, d) * near)
         wider = LAMP_BLUR * lights[k, HALF_DIAGONAL] * near
         if metal:
-            sharp = _gloss(METAL_SHARP**2 + wider, half, max(cos_view, MIN_COS), cos_light)
+            sharp = _gloss(roughness**2 + wider, half, max(cos_view, MIN_COS), cos_light)
             rough = _gloss(METAL_ROUGH**2 + wider, half, max(cos_view, MIN_COS), cos_light)
             gloss = METAL_SHARP_SHARE * sharp + (1.0 - METAL_SHARP_SHARE) * rough
         else:
-            gloss = _gloss(RUBBER_GLOSS_ROUGHNESS**2 + wider, half, max(cos_view, MIN_COS), cos_light)
+            gloss = _gloss(roughness**2 + wider, half, max(cos_view, MIN_COS), cos_light)
         matt = added(matt, light * SCATTERED, three(lights, k, COLOR))
         shiny = added(shiny, light * gloss, three(lights, k, COLOR))
     return matt, shiny
@@ -126,22 +131,23 @@ def _blurred(below, d):  # type: ignore[no-untyped-def]
 
 
 @inlined_njit
-def _colored(solids, lights, surfaces, i, p, n, d, mirrored, found):  # type: ignore[no-untyped-def]
+def _colored(solids, lights, ground, surfaces, i, p, n, d, mirrored, found):  # type: ignore[no-untyped-def]
     """Colour of solid `i`; metal reflects the colour `mirrored`."""
     color, below = three(surfaces, i, SURFACE_COLOR), three(surfaces, i, BELOW)
-    matt, shiny = _lamps(solids, lights, i, surfaces[i, METAL] > 0.0, p, n, d, found)
+    is_metal, roughness = surfaces[i, METAL] > 0.0, surfaces[i, ROUGHNESS]
+    matt, shiny = _lamps(solids, lights, i, is_metal, roughness, p, n, d, found)
     rough = _blurred(below, _mirrored(n, d))
-    if surfaces[i, METAL] > 0.0:
+    if is_metal:
         light = added(added(shiny, METAL_SHARP_SHARE, mirrored), 1.0 - METAL_SHARP_SHARE, rough)
         return _times(light, color)
     gloss = _fresnel(RUBBER_GLOSS_IOR, max(-dot(d, n), MIN_COS))
-    matt = added(added(matt, 0.5 * (1.0 - n[2]), below), AMBIENT, (1.0, 1.0, 1.0))
+    matt = added(added(matt, 0.5 * (1.0 - n[2]), below), 1.0, three(ground, AMBIENT, 0))
     scattered = _times(added((0.0, 0.0, 0.0), RUBBER_MATT * (1.0 - gloss), matt), color)
     return added(scattered, gloss, added(shiny, 1.0, rough))
 
 
 @cached_njit
-def _seen(solids, lights, surfaces, i, p, d, found):  # type: ignore[no-untyped-def]
+def _seen(solids, lights, ground, surfaces, i, p, d, found):  # type: ignore[no-untyped-def]
     """Colour of solid `i` at a point of it, seen in the direction `d`."""
     n = normal_at(solids, i, p)
     mirrored = (0.0, 0.0, 0.0)
@@ -149,22 +155,22 @@ def _seen(solids, lights, surfaces, i, p, d, found):  # type: ignore[no-untyped-
         e = _mirrored(n, d)
         j, t = first_hit(solids, p, e, i)
         if j < 0:
-            mirrored = background(solids, lights, p, e, found)
+            mirrored = background(solids, lights, ground, p, e, found)
         else:
             q = added(p, t, e)
             m = normal_at(solids, j, q)
             blurred = _blurred(three(surfaces, j, BELOW), _mirrored(m, e))
-            mirrored = _colored(solids, lights, surfaces, j, q, m, e, blurred, found)
-    return _colored(solids, lights, surfaces, i, p, n, d, mirrored, found)
+            mirrored = _colored(solids, lights, ground, surfaces, j, q, m, e, blurred, found)
+    return _colored(solids, lights, ground, surfaces, i, p, n, d, mirrored, found)
 
 
 @inlined_njit
-def trace(solids, lights, surfaces, p, d, found):  # type: ignore[no-untyped-def]
+def trace(solids, lights, ground, surfaces, p, d, found):  # type: ignore[no-untyped-def]
     """Index of the solid that a ray from the camera at `p` meets, -1 for none, and the colour that it sees.
 
     `find_light` uses `found` as its buffer.
     """
     i, t = first_hit(solids, p, d, -1)
     if i < 0:
-        return i, background(solids, lights, p, d, found)
-    return i, _seen(solids, lights, surfaces, i, added(p, t, d), d, found)
+        return i, background(solids, lights, ground, p, d, found)
+    return i, _seen(solids, lights, ground, surfaces, i, added(p, t, d), d, found)

@@ -1,0 +1,192 @@
+"""Videos of a world that has nothing in common with CLEVRER's: no word, size, camera, frame rate or image size."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pycocotools import mask as rle
+
+from nsdr import World
+from nsdr.clevrer import scene_from_annotation, scene_from_truth
+from nsdr.clevrer.files.annotations import check_truth, read_annotation, read_truth_file
+from nsdr.errors import DataError
+from nsdr.generate.dataset import DatasetConfig, generate_dataset
+from nsdr.generate.physics.bullet import Body, BulletMotion, Simulator
+from nsdr.generate.physics.scene_config import SceneConfig
+from nsdr.generate.render.geometry import Solid
+from nsdr.generate.render.preview import render_preview
+from nsdr.generate.render.view import View
+from nsdr.generate.violations import ViolationsConfig
+from nsdr.io.reading import read_json
+from nsdr.io.worlds import world_in
+from nsdr.types import SceneObject
+from nsdr.world.camera import Camera
+from nsdr.world.layout import Layout
+from nsdr.world.look import Lamp, Look
+from nsdr.world.physics import Physics, Timeline
+from nsdr.world.shapes import surface_points
+from nsdr.world.vocabulary import Color, Material, Shape, Vocabulary
+
+DISC = Shape("disc", "cylinder", (0.5, 0.5, 0.16), 0.03)
+COIN = Shape("coin", "cylinder", (0.3, 0.3, 0.16), 0.03)
+BRICK = Shape("brick", "box", (0.6, 0.3, 0.3), 0.03)
+DISCS = World(
+    "discs",
+    Vocabulary(
+        (Color("orange", (255, 130, 20)), Color("white", (235, 235, 235)), Color("teal", (20, 140, 130))),
+        (
+            Material("wood", restitution=0.5, friction=2.0),
+            Material("steel", restitution=0.9, metallic=True, roughness=0.2),
+        ),
+        (DISC, COIN, BRICK),
+    ),
+    Physics(8.0, step_seconds=0.005, steps_per_frame=9, start_speed_world_per_s=(2.5, 3.0), mass_range=(0.8, 1.5)),
+    Timeline(15, 60),
+    Camera((4.0, 1.5, 4.0), lens_mm=30.0, width=320, height=192),
+    Look((0.1, 0.2, 0.3), (Lamp("lamp", (3.0, -3.0, 5.0), 0.8, 160.0),)),
+    Layout(((3, 0.5), (4, 0.5)), 3),
+)
+UPRIGHT = (np.pi / 2, 0.0, 0.0)
+
+
+def run(bodies: list[Body], frames: int = 30, world: World = DISCS) -> BulletMotion:
+    with Simulator(world=world) as simulator:
+        return simulator.run(bodies, frames)
+
+
+def body(shape: Shape, x: float, speed: float = 0.0, material: str = "wood", y: float = 0.0) -> Body:
+    turned = UPRIGHT if shape.solid == "cylinder" else (0.0, 0.0, 0.0)
+    return Body(shape.word, (x, y, shape.height_world), turned, (speed, 0.0, 0.0), material=material)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("world") / "discs"
+    config = DatasetConfig(str(root), 2, 1, splits={"train": 1.0}, questions=None, world=DISCS, workers=1)
+    return generate_dataset(config)
+
+
+def test_files_of_a_data_set_say_their_world_and_are_read_in_it(folder) -> None:
+    assert world_in(read_json(folder / "manifest.json")) == DISCS
+    annotation = read_annotation(folder / "annotations/train/annotation_00000-01000/annotation_00000.json")
+    truth = read_truth_file(folder / "truth/train/truth_00000.json")
+    for scene in (scene_from_annotation(annotation), scene_from_truth(truth)):
+        assert scene.world == DISCS
+        assert scene.n_frames == 60
+    assert len(truth["frames"]) == 84
+    assert {o["shape"] for o in truth["objects"]} <= {"disc", "coin", "brick"}
+    truth["objects"][0]["color"] = "red"
+    with pytest.raises(DataError, match=r"objects\[0\].color: expected one of orange, white, teal, got red"):
+        check_truth(truth)
+
+
+def test_videos_have_the_worlds_size_and_rate(folder) -> None:
+    video = cv2.VideoCapture(str(folder / "videos/train/video_00000-01000/video_00000.mp4"))
+    values = [video.get(key) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FPS)]
+    assert values == [320, 192, 15]
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 60
+
+
+def test_objects_rest_at_their_heights(folder) -> None:
+    for path in sorted((folder / "truth/train").glob("truth_*.json")):
+        truth = read_truth_file(path)
+        height = {o["object_id"]: DISCS.vocabulary.shape(o["shape"]).height_world for o in truth["objects"]}
+        found = [row["location"][2] - height[row["object_id"]] for f in truth["frames"] for row in f["objects"]]
+        assert np.abs(found).max() < 0.02
+
+
+def test_masks_have_the_sizes_of_the_shapes(folder) -> None:
+    checked = 0
+    for number in (0, 1):
+        rows = read_json(folder / f"derender_proposals/proposal_{number:05d}.json")["frames"]
+        frames = read_truth_file(folder / f"truth/train/truth_{number:05d}.json")
+        ids = {(o["color"], o["material"], o["shape"]): o["object_id"] for o in frames["objects"]}
+        for f in range(0, 60, 10):
+            for row in rows[f]["objects"]:
+                x, y, width, height = rle.toBbox(
+                    {"size": row["mask"]["size"], "counts": row["mask"]["counts"].encode()}
+                )
+                state = frames["frames"][f]["objects"][ids[row["color"], row["material"], row["shape"]]]
+                shape, place = DISCS.vocabulary.shape(row["shape"]), state["location"]
+                outline = DISCS.camera.pixels(surface_points(shape, state["orientation"][2]) + np.array(place))
+                box = [*outline.min(0), *outline.max(0)]
+                if box[0] > 2 and box[1] > 2 and box[2] < 318 and box[3] < 190:
+                    found = np.abs(np.array([x, y, x + width, y + height]) - box)
+                    others = [o["location"] for o in frames["frames"][f]["objects"] if o is not state]
+                    if min(np.linalg.norm(np.subtract(other, place)) for other in others) > 1.2:
+                        assert found.max() < 2
+                        checked += 1
+    assert checked >= 6
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "reach"), [(DISC, DISC, 0.5), (DISC, COIN, 0.4), (BRICK, DISC, 0.55), (COIN, BRICK, 0.45)]
+)
+def test_collisions_happen_where_surfaces_touch(first, second, reach) -> None:
+    motion = run([body(first, -1.0, 2.8, "steel"), body(second, 0.0, material="steel")])
+    frame = motion.contacts[0].frame
+    gap = np.linalg.norm(motion.location_world[1, frame - 1, :2] - motion.location_world[0, frame - 1, :2])
+    assert reach <= gap < reach + 2.8 * 2 * DISCS.physics.frame_seconds
+
+
+def test_a_turned_box_is_met_at_its_short_side() -> None:
+    turned = replace(body(BRICK, 0.0), orientation=(0.0, 0.0, np.pi / 2))
+    passed = run([body(COIN, -1.0, 2.8), replace(turned, location_world=(0.0, 0.4, 0.15))])
+    assert passed.contacts  # along y, the box now reaches from 0.1 to 0.7
+    missed = run([body(COIN, -1.0, 2.8), body(BRICK, 0.0, y=0.4)])
+    assert not missed.contacts  # from 0.25 to 0.55
+
+
+def test_friction_restitution_and_gravity_are_the_worlds() -> None:
+    wood, steel = run([body(DISC, 0.0, 2.0, "wood"), body(DISC, 0.0, 2.0, "steel", y=2.0)], 12).velocity[:, -1, 0]
+    seconds = 11 * DISCS.physics.frame_seconds
+    assert steel - wood == pytest.approx(0.03 * 8.0 * seconds, abs=0.02)  # the friction of wood is twice that of steel
+
+    def rebound(material: str) -> float:
+        motion = run([body(DISC, -1.0, 2.8, material), body(DISC, 0.0, 0.0, material)], 14)
+        return float(motion.velocity[1, -1, 0] - motion.velocity[0, -1, 0])
+
+    assert rebound("steel") > 2 * rebound("wood")
+    damped = replace(DISCS, physics=replace(DISCS.physics, linear_damping=0.4))
+    assert run([body(DISC, 0.0, 2.0)], 12, damped).velocity[0, -1, 0] < wood - 0.1
+
+
+def test_frames_show_the_colours_of_objects_and_table() -> None:
+    objects = (SceneObject(0, "orange", "wood", "disc"), SceneObject(1, "teal", "wood", "disc"))
+    solids = [Solid(DISC, np.array([0.0, y, DISC.height_world]), np.eye(3)) for y in (-0.6, 0.6)]
+    image = render_preview(objects, solids, View(DISCS.camera, world=DISCS)).astype(int)
+    orange, teal = (
+        image[row, column] for column, row in DISCS.camera.pixels([[0, y, 0.16] for y in (-0.6, 0.6)]).astype(int)
+    )
+    table = image[180, 20]
+    assert orange[0] > orange[1] > orange[2]
+    assert teal[1] > 1.5 * teal[0]
+    assert table[0] < table[1] < table[2]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({}, "questions: world discs has other words than CLEVRER's"),
+        ({"questions": None, "scene": SceneConfig(colors=("red",))}, "colors: expected some of orange, white, teal"),
+        ({"questions": None, "scene": SceneConfig(held_out=("red disc",))}, "combinations such as orange wood disc"),
+        ({"questions": None, "renderer": "blender"}, "render.assets|renderer blender: world discs: look"),
+    ],
+)
+def test_settings_that_do_not_fit_the_world_are_refused(settings, message) -> None:
+    with pytest.raises(DataError, match=message):
+        DatasetConfig("set", world=DISCS, **settings)
+
+
+def test_violations_are_of_clevrers_laws() -> None:
+    with pytest.raises(DataError, match="world: expected clevrer"):
+        ViolationsConfig("set", world=DISCS)
+
+
+def test_a_data_set_of_another_world_is_not_continued(folder) -> None:
+    other = replace(DISCS, physics=replace(DISCS.physics, gravity=7.0))
+    config = DatasetConfig(str(folder), 2, 1, splits={"train": 1.0}, questions=None, world=other, workers=1)
+    with pytest.raises(DataError, match="was made with another world"):
+        generate_dataset(config)
