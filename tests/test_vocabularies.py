@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from nsdr import DataError, QuestionError
+from nsdr.io.worlds import read_world
 from nsdr.language.normal import corrected, known_words, normal_form
 from nsdr.language.reserved import check_vocabulary, reserved_words
 from nsdr.language.texts import TEXT_KINDS, draw_wording, in_words, read_paraphrases, sample
@@ -170,3 +171,13 @@ def test_of_several_corrections_the_one_in_normal_form_is_taken_in_every_process
         "which",
         "spheres",
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "question"), [("pucks", "Are there any wooden chips?"), ("blocks", "How many pink bricks are moving?")]
+)
+def test_questions_can_be_asked_about_the_worlds_that_ship(name: str, question: str) -> None:
+    vocabulary = read_world(name).vocabulary
+    check_vocabulary(vocabulary)
+    assert set(vocabulary.words["color"]) - set(CLEVRER.words["color"])
+    assert len(GrammarParser(vocabulary=vocabulary).parse(question).tokens) > 3

@@ -19,7 +19,7 @@ def read_world(file_or_name: str | Path) -> World:
     """A world from a YAML file. What the file leaves out is as in CLEVRER.
 
     Args:
-        file_or_name: a file, or the name of a world that ships: "clevrer".
+        file_or_name: a file, or the name of a world that ships: "clevrer", "pucks" or "blocks".
 
     Raises:
         DataError: an unreadable file, an unknown key, a value out of its range, or values that contradict each other; names the
