@@ -1,10 +1,13 @@
+import json
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import torch
+from pycocotools import mask as rle
 from torch.utils.data import DataLoader
 
 from nsdr import CheckpointError, DataError, VideoError, VideoProposals
@@ -20,10 +23,15 @@ from nsdr.frame_parser.training_frames import write_frames
 from nsdr.io.checkpoint import load_checkpoint
 from nsdr.io.files import write_json
 from nsdr.io.video import read_video, write_video
+from nsdr.io.worlds import store_world, world_of_folder
 from nsdr.tracking.localization import ground_location, outline
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.tracking.visibility import cut_sides, hidden_sides
-from nsdr.world.camera import CLEVRER_CAMERA
+from nsdr.training.frame_parser import FrameParserTask, FrameParserTraining
+from nsdr.training.loop import LoopConfig, train_part
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.layout import Layout
+from nsdr.world.physics import Timeline
 from nsdr.world.vocabulary import Color, Material, Shape, Vocabulary, attribute_index
 from nsdr.world.world import CLEVRER_WORLD, World
 
@@ -299,7 +307,7 @@ def test_the_heads_have_the_words_of_a_world(tmp_path) -> None:
         "material": 3,
         "shape": 2,
     }
-    with pytest.raises(DataError, match="was trained on the color words orange; the world clevrer has gray, red"):
+    with pytest.raises(DataError, match="was trained on the color words orange; the world CLEVRER has gray, red"):
         FrameParser(network)
     words = Vocabulary(
         (Color("orange", (255, 140, 0)),),
@@ -309,6 +317,62 @@ def test_the_heads_have_the_words_of_a_world(tmp_path) -> None:
     FrameParser(network, world=World("mine", words)).save_pretrained(tmp_path)
     again = FrameParser.from_pretrained(tmp_path, device="cpu", world=World("mine", words))
     assert again.parse(np.zeros((1, 320, 480, 3), np.uint8)).world.name == "mine"
+
+
+def test_training_takes_words_and_colors_of_the_frames_world(tmp_path) -> None:
+    world = World(
+        "mine",
+        Vocabulary((Color("orange", (255, 140, 0)),), (Material("wood"),), CLEVRER_WORLD.vocabulary.shapes),
+        timeline=Timeline(20, 60),
+        camera=Camera(width=256, height=200),
+        layout=Layout(((2, 1.0),)),
+    )
+    image, mask = np.full((200, 256, 3), 51, np.uint8), np.zeros((200, 256), np.uint8, order="F")
+    mask[80:120, 100:150] = 1
+    segmentation = {"size": [200, 256], "counts": rle.encode(mask)["counts"].decode()}
+    rows = [
+        {
+            "file_name": f"{scene}.png",
+            "scene": scene,
+            "objects": [{"color": "orange", "material": "wood", "shape": "cube", "segmentation": segmentation}],
+        }
+        for scene in (0, 1)
+    ]
+    (tmp_path / "frames" / "images").mkdir(parents=True)
+    for row in rows:
+        cv2.imwrite(str(tmp_path / "frames" / "images" / row["file_name"]), image)
+    (tmp_path / "frames" / "annotations_00000.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    store_world(tmp_path / "frames", world)
+    with pytest.raises(
+        DataError, match=r"world.json: is another world than CLEVRER, in vocabulary.colors, .*timeline.fps"
+    ):
+        store_world(tmp_path / "frames", CLEVRER_WORLD)
+
+    loop = LoopConfig(steps=1, batch_size=1, warmup_steps=0, device="cpu")
+    initial = Path("checkpoints/default").resolve()
+    config = FrameParserTraining(str(tmp_path / "frames"), str(tmp_path / "run"), initial=str(initial), loop=loop)
+    task = FrameParserTask(config)
+    assert task.model_config.words == {
+        "color": ("orange",),
+        "material": ("wood",),
+        "shape": ("cube", "sphere", "cylinder"),
+    }
+    assert task.model_config.image_mean == (0.2, 0.2, 0.2)
+    stored, _ = load_checkpoint(initial, "frame_parser")
+    heads = task.model.roi_heads.attribute_predictor.heads
+    torch.testing.assert_close(
+        heads["shape"].weight.detach(), stored["roi_heads.attribute_predictor.heads.shape.weight"]
+    )
+    assert heads["color"].weight.shape[0] == 1
+
+    folder = train_part("frame_parser", task, config, task.model_config, world=world)
+    assert world_of_folder(folder) == world
+    found = FrameParser.from_pretrained(folder, device="cpu", world=world).parse(
+        np.full((3, 200, 256, 3), 51, np.uint8)
+    )
+    assert found.world == world
+    with pytest.raises(DataError, match="frame 0: expected an array \\(200, 256, 3\\) of uint8"):
+        FrameParser.from_pretrained(folder, device="cpu", world=world).parse(iter([np.zeros((320, 480, 3), np.uint8)]))
 
 
 def test_scores_of_perfect_and_wrong_detections(tiny_frames) -> None:
@@ -523,7 +587,7 @@ def test_masks_are_pasted_where_training_samples_them() -> None:
         box = torch.tensor([[0.0, 165 + shift, 90 - shift, 238 - shift, 152 + shift]])
         small = roi_align(torch.from_numpy(image)[None, None].float(), box, (28, 28), 1.0)[0, 0]
         mask, start, stop = (
-            mask_changes(small[None], box[:, 1:]).numpy()[row, k::2] for row, k in ((0, 0), (1, 0), (1, 1))
+            mask_changes(small[None], box[:, 1:], (320, 480)).numpy()[row, k::2] for row, k in ((0, 0), (1, 0), (1, 1))
         )
         centroid = numbers_of_runs(ObjectRuns(mask, start, stop), 320).centroid_px[0]
         np.testing.assert_allclose(centroid - 0.5, [columns.mean(), rows.mean()], atol=0.1)

@@ -198,7 +198,7 @@ def test_words_of_another_world_are_refused() -> None:
 def test_a_pipeline_takes_proposals_of_its_own_world() -> None:
     found = replace(proposals(), world=MINE)
     assert found.words[0] == "white wood die"
-    with pytest.raises(DataError, match="have the words of the world mine; the pipeline is for the world clevrer"):
+    with pytest.raises(DataError, match="have the words of the world mine; the pipeline is for the world CLEVRER"):
         Pipeline(*[Part()] * 3).judge(proposals=found)  # type: ignore[list-item]
 
 

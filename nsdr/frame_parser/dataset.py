@@ -19,8 +19,8 @@ from torchvision.ops import box_convert
 from nsdr.errors import DataError, machine_error
 from nsdr.frame_parser.frame_files import read_frame_records
 from nsdr.io.limits import check_limit
+from nsdr.io.worlds import world_of_folder
 from nsdr.validation import Settings, Share, expect
-from nsdr.world.world import CLEVRER_WORLD
 
 Target = dict[str, Tensor]
 """Target of one image, as `AttributeRoIHeads` describes it."""
@@ -91,8 +91,8 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
     """Images with the masks and attributes of their objects.
 
     The folder holds `images/` and `annotations_*.jsonl`, which have one line per frame, with `file_name`, `scene` and
-    `objects: [{color, material, shape, segmentation (COCO RLE)}]`; `nsdr data frames` makes them from videos with mask
-    proposals.
+    `objects: [{color, material, shape, segmentation (COCO RLE)}]`, and `world.json` for frames of another world than CLEVRER's;
+    `nsdr data frames` makes them from videos with mask proposals.
 
     Items are an image (3, H, W) in 0-1 and its target (see `AttributeRoIHeads`). Their augmentation is drawn anew each time, by
     torch's seed; `get` draws it from a generator that is given. The split is by scene: no scene is in both parts.
@@ -103,7 +103,9 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         folder: folder with the annotations and `images/`.
         part: "train", "evaluation" (every 20th scene) or "all".
         augmentation: random changes; None leaves the images as they are.
-        words: of each attribute, in the order of their indices in targets.
+
+    Attributes:
+        world: the world of the frames; targets have the indices of its words.
 
     Raises:
         DataError: no annotations, an unknown attribute or a missing image; names it.
@@ -114,13 +116,12 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         folder: str | Path,
         part: str = "train",
         augmentation: AugmentConfig | None = None,
-        words: Mapping[str, Sequence[str]] = CLEVRER_WORLD.vocabulary.words,
     ) -> None:
         expect(part in ("train", "evaluation", "all"), "part", "train, evaluation or all", part)
         self.folder, self.augmentation = Path(folder), augmentation
         kept = {"train": (False,), "evaluation": (True,), "all": (False, True)}[part]
-        self.words = words
-        records = read_frame_records(self.folder, words)
+        self.world = world_of_folder(self.folder)
+        records = read_frame_records(self.folder, self.world.vocabulary.words)
         self.records = [r for r in records if (r["scene"] % EVALUATION_EVERY == 0) in kept]
         if not self.records:
             raise DataError(f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl and images/")
@@ -142,7 +143,7 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
                 raise DataError(f"{path}: is {image.shape[:2]}, its masks are {masks.shape[1:]} (height, width)")
         if self.augmentation is not None:
             image, masks = augment(image, masks, self.augmentation, rng)
-        return image_tensor(image), _target(objects, masks, self.words)
+        return image_tensor(image), _target(objects, masks, self.world.vocabulary.words)
 
 
 def _read_image(path: Path) -> NDArray[np.uint8]:

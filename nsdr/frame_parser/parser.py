@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.nn import functional as F
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 from torchvision.models.detection.image_list import ImageList
 from tqdm import tqdm
@@ -24,7 +25,6 @@ from nsdr.frame_parser.regions import ROI_LEVELS
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads, resolve_precision
 from nsdr.types import VideoProposals
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.world import CLEVRER_WORLD, World
 
 if TYPE_CHECKING:
@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 MIN_OBJECTNESS = 0.05
 """Regions that are objects with a lower probability are not proposed (0-1). Not in training, where they are the negatives.
 `python -m benchmarks.frame_parser --objectness FRAMES` prints how many detections in training frames come from lower ones."""
+
+LARGEST_STRIDE = 32
+"""Of the network's stages (pixels). torchvision pads images to multiples of it in training."""
 
 
 class FrameParser(PretrainedPart[nn.Module]):
@@ -102,20 +105,21 @@ class FrameParser(PretrainedPart[nn.Module]):
         if not isinstance(frames, Iterator):
             from nsdr.io.video import read_frames  # OpenCV changes the environment of the process
 
-            frames = read_frames(frames, note=notes.append)
+            frames = read_frames(frames, note=notes.append, world=self.world)
         counter, detect = count(), self._detector()
+        size = (self.world.camera.height, self.world.camera.width)
         rows: list[NDArray[np.float64]] = []
         changes: list[NDArray[np.int64]] = []
         processed: list[int] = []
         bar = tqdm(desc="looking for objects", unit="frame", disable=not progress, leave=False)
         with ThreadPoolExecutor(1) as decoding:  # decodes the next batch while the network processes the present one
-            batches = _batches(zip(frames, counter, strict=False), self.batch_size, self.stride)
+            batches = _batches(zip(frames, counter, strict=False), self.batch_size, self.stride, size)
             upcoming = decoding.submit(next, batches, None)
             while (batch := upcoming.result()) is not None:
                 upcoming = decoding.submit(next, batches, None)
                 found = detect([frame for _, frame in batch])
                 columns = (found["image"] + len(processed), found["attribute"].argmax(1), found["scores"])
-                changes.append(mask_changes(found["masks"][:, 0], found["boxes"]).cpu().numpy())
+                changes.append(mask_changes(found["masks"][:, 0], found["boxes"], size).cpu().numpy())
                 changes[-1][0] += sum(map(len, rows))
                 rows.append(torch.stack([column.float() for column in columns], 1).cpu().numpy())
                 processed += [index for index, _ in batch]
@@ -127,7 +131,7 @@ class FrameParser(PretrainedPart[nn.Module]):
         place, attribute, score = np.concatenate(rows).astype(np.float64).T
         (mask, start), (_, stop) = (np.concatenate(changes, 1)[:, k::2] for k in (0, 1))
         runs = ObjectRuns(mask, start, stop)
-        masks = encoded_runs(runs, len(score), HEIGHT_PX, WIDTH_PX)
+        masks = encoded_runs(runs, len(score), *size)
         frame_index = np.array(processed, np.int64)[place.astype(np.int64)]
         parsed = proposals_from_runs(
             n_frames, frame_index, attribute.astype(np.int64), score, masks, runs, processed, self.world
@@ -157,16 +161,16 @@ def _check_words(config: FrameParserConfig, world: World) -> None:
 
 
 def _batches(
-    frames: Iterable[tuple[NDArray[np.uint8], int]], size: int, stride: int
+    frames: Iterable[tuple[NDArray[np.uint8], int]], count: int, stride: int, size: tuple[int, int]
 ) -> Iterator[list[tuple[int, NDArray[np.uint8]]]]:
-    """Batches of (frame index, frame): every `stride`-th frame and the last one, of those that are not repeated."""
+    """Batches of `count` pairs (frame index, frame): every `stride`-th frame and the last one, without repeated ones."""
 
     def chosen() -> Iterator[tuple[int, NDArray[np.uint8]]]:
         last, following = None, 0
         for frame, index in frames:
             if last is not None and frame is last[1]:
                 continue
-            shape = (HEIGHT_PX, WIDTH_PX, 3)
+            shape = (*size, 3)
             if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.shape != shape:
                 got = f"{frame.shape} {frame.dtype}" if isinstance(frame, np.ndarray) else type(frame).__name__
                 raise DataError(f"frame {index}: expected an array {shape} of uint8, RGB from 0 to 255, got {got}")
@@ -178,7 +182,7 @@ def _batches(
             yield last
 
     iterator = chosen()
-    while batch := list(islice(iterator, size)):
+    while batch := list(islice(iterator, count)):
         yield batch
 
 
@@ -216,7 +220,7 @@ class Detector:
         return found
 
     def normalized(self, frames: Sequence[NDArray[np.uint8]]) -> Tensor:
-        """The network's input (B, 3, H, W), channels last."""
+        """The network's input (B, 3, H, W), channels last; zeros fill it up to multiples of the largest stride."""
         # From pinned memory, the frames go to a GPU ten times as fast.
         shape = (len(frames), *frames[0].shape)
         stacked = torch.empty(shape, dtype=torch.uint8, pin_memory=self.device.type == "cuda")
@@ -225,7 +229,9 @@ class Detector:
         # Whole rows at a time: arithmetic along an axis of three channels takes three times as long.
         width = pixels.shape[2]
         rows = pixels.float().flatten(2).mul_(self.scale.repeat(width)).sub_(self.offset.repeat(width))
-        return rows.to(self.precision).view(pixels.shape).permute(0, 3, 1, 2)
+        images = rows.to(self.precision).view(pixels.shape).permute(0, 3, 1, 2)
+        padding = [-side % LARGEST_STRIDE for side in reversed(images.shape[2:])]
+        return F.pad(images, (0, padding[0], 0, padding[1])) if any(padding) else images
 
 
 def _fused(module: Any) -> Any:

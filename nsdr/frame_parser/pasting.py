@@ -5,10 +5,9 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from nsdr.frame_parser.roi_heads import MASK_THRESHOLD
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 
-def mask_changes(masks: Tensor, boxes: Tensor) -> Tensor:
+def mask_changes(masks: Tensor, boxes: Tensor, size: tuple[int, int]) -> Tensor:
     """Where objects begin and end in the columns of the image.
 
     torchvision's `paste_masks_in_image` truncates boxes to whole pixels, which shifts masks by half a pixel and makes them
@@ -17,6 +16,7 @@ def mask_changes(masks: Tensor, boxes: Tensor) -> Tensor:
     Args:
         masks: (N, M, M) probabilities in the boxes.
         boxes: (N, 4) xyxy (pixels).
+        size: height and width of the image (pixels).
 
     Returns:
         (2, 2K) int64: for each of K runs of an object's pixels its begin and then its end. The first row has the object, the
@@ -24,16 +24,17 @@ def mask_changes(masks: Tensor, boxes: Tensor) -> Tensor:
     """
     if not len(masks):
         return torch.zeros(2, 0, dtype=torch.int64, device=masks.device)
+    height, width = size
     low = (boxes[:, :2].long() - 1).clamp(min=0)
     sides = (boxes[:, 2:].long() + 2 - low).amax(0).tolist()
     columns, rows = (
         _weights(boxes[:, axis], boxes[:, axis + 2], low[:, axis], side, masks.shape[1], most)
-        for axis, side, most in ((0, sides[0], WIDTH_PX), (1, sides[1], HEIGHT_PX))
+        for axis, side, most in ((0, sides[0], width), (1, sides[1], height))
     )
     inside = columns @ masks.mT @ rows.mT > MASK_THRESHOLD  # (N, columns, rows)
     padded = F.pad(inside, (1, 1))
     object_index, column, row = torch.where(padded[..., 1:] != padded[..., :-1])
-    place = (low[object_index, 0] + column) * HEIGHT_PX + low[object_index, 1] + row
+    place = (low[object_index, 0] + column) * height + low[object_index, 1] + row
     return torch.stack([object_index, place])
 
 

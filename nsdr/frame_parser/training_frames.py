@@ -14,8 +14,10 @@ from nsdr.io.files import atomic_path, find_files, json_text, write_file
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.video import read_frames
+from nsdr.io.worlds import store_world
 from nsdr.tracking.tracker import PROPOSAL_SCORE
 from nsdr.types import VideoProposals
+from nsdr.world.world import World
 
 VERSION = 1
 """Version of the frames that are written. It is raised when they change."""
@@ -40,7 +42,7 @@ def write_frames(
         Number of frames in `output`, those of kept videos included.
 
     Raises:
-        DataError: `every` is below 1, no video has proposals, or a file is broken.
+        DataError: `every` is below 1, no video has proposals, the proposals are of several worlds, or a file is broken.
     """
     if every < 1:
         raise DataError(f"every is {every}; expected 1 or more")
@@ -53,15 +55,19 @@ def write_frames(
             jobs.append(Job(video.name, item, folder / f"annotations_{index:05d}.jsonl", value, video))
     if not jobs:
         raise DataError(f"{videos}: holds no video_N.mp4 with a proposal_N.json or sim_N.json in {proposals}")
-    summary = run_jobs(partial(_write_video_frames, every), jobs, folder, workers=1)
+    world = read_proposals(jobs[0].item[2]).world
+    store_world(folder, world)
+    summary = run_jobs(partial(_write_video_frames, every, world), jobs, folder, workers=1)
     done = summary.succeeded(jobs, output, keep_going)
     return sum(len(job.output.read_text().splitlines()) for job in done)
 
 
-def _write_video_frames(every: int, item: tuple[int, Path, Path], lines: Path) -> None:
+def _write_video_frames(every: int, world: World, item: tuple[int, Path, Path], lines: Path) -> None:
     index, video, path = item
     proposals, rows = read_proposals(path), []
-    for frame, image in enumerate(read_frames(video)):
+    if proposals.world != world:
+        raise DataError(f"{path}: is of another world than the other proposals; give those of one world")
+    for frame, image in enumerate(read_frames(video, world=world)):
         if frame % every or frame >= proposals.n_frames:
             continue
         name = f"{index:05d}_{frame:03d}.jpg"

@@ -3,7 +3,7 @@
 import os
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar, runtime_checkable
@@ -254,13 +254,23 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
     return network
 
 
-def start_from(network: "nn.Module", folder: str | Path, part: str) -> None:
+def start_from(network: "nn.Module", folder: str | Path, part: str, anew: Sequence[str] = ()) -> None:
     """Give a network the weights of a checkpoint.
+
+    Args:
+        network: the network.
+        folder: of the checkpoint.
+        part: of the checkpoint.
+        anew: beginnings of the names of tensors that keep the values that they have.
 
     Raises:
         CheckpointError: a file is missing or corrupt, or holds a network of other settings; names the folder.
     """
     state, _ = load_checkpoint(folder, part)
+    own = network.state_dict()
+    state = {
+        name: own[name] if name in own and name.startswith(tuple(anew)) else value for name, value in state.items()
+    }
     try:
         _check_formats(network, state)
         network.load_state_dict(state)

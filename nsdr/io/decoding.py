@@ -16,7 +16,6 @@ from nsdr.io.files import check_name, find_files
 from nsdr.io.images import FRAME_SUFFIXES, Frames, Video, has_images, is_animated, open_images
 from nsdr.io.limits import check_limit
 from nsdr.io.notes import Note
-from nsdr.world.physics_constants import FPS
 
 RATES = (1.0, 1000.0)
 """Lowest and highest frame rate that is read (frames per second); others are errors of the file."""
@@ -77,42 +76,51 @@ class OpenedVideo:
 
 
 @contextmanager
-def opened(path: Video, fps: float, note: Note) -> Iterator[OpenedVideo]:
-    """Open a video. `fps` replaces the stated frame rate, unless it is 0; an uncertain or uneven rate is noted."""
+def opened(path: Video, fps: float, wanted: int, note: Note) -> Iterator[OpenedVideo]:
+    """Open a video.
+
+    Args:
+        path: the video.
+        fps: replaces the stated frame rate, unless it is 0.
+        wanted: the frame rate in whose frames times are counted.
+        note: called with an uncertain or uneven rate.
+    """
     if isinstance(path, Frames):
-        rate = _checked_rate(path, fps or FPS, note)
+        rate = _checked_rate(path, fps or wanted, wanted, note)
         timed = ((0.0, image) for image in path.images)
-        yield OpenedVideo(rate, len(path.images) / rate, _evenly(timed, rate))
+        yield OpenedVideo(rate, len(path.images) / rate, _evenly(timed, rate, wanted))
         return
     check_is_video(path)
     images = open_images(path)
     if images is None:
         with _captured(path) as capture:
             said = float(capture.get(cv2.CAP_PROP_FPS))
-            rate = _checked_rate(path, fps or said, note)
+            rate = _checked_rate(path, fps or said, wanted, note)
             n = max(float(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0.0)
-            frames = _decoded(capture, path)
-            yield OpenedVideo(rate, n / rate, _evenly(frames, rate) if fps else _at_times(frames, rate, note))
+            frames = _decoded(capture, path, wanted)
+            yield OpenedVideo(
+                rate, n / rate, _evenly(frames, rate, wanted) if fps else _at_times(frames, rate, wanted, note)
+            )
         return
     said = 0.0 if fps else images.rate
-    rate = _checked_rate(path, fps or said, note)
+    rate = _checked_rate(path, fps or said, wanted, note)
     if said:
         frames_each = np.diff(images.seconds) * rate  # writers join frames that are the same
         if np.abs(frames_each - frames_each.round()).max() > UNEVEN_SHARE:
-            note(f"variable frame rate, resampled to {FPS} frames per second")
-        times = [round(FPS * seconds, 6) for seconds in images.seconds]
+            note(f"variable frame rate, resampled to {wanted} frames per second")
+        times = [round(wanted * seconds, 6) for seconds in images.seconds]
         yield OpenedVideo(rate, images.seconds[-1], zip(times, images.frames(), strict=False))
     else:
         frames = ((0.0, frame) for frame in images.frames())
-        yield OpenedVideo(rate, images.n_frames / rate, _evenly(frames, rate))
+        yield OpenedVideo(rate, images.n_frames / rate, _evenly(frames, rate, wanted))
 
 
-def _checked_rate(path: Video, rate: float, note: Note) -> float:
-    """A video's frame rate (1/s); CLEVRER's rate, with a note, if the file states none."""
+def _checked_rate(path: Video, rate: float, wanted: int, note: Note) -> float:
+    """A video's frame rate (1/s); the wanted one, with a note, if the file states none."""
     if not rate:
         remedy = "--fps gives the right one (in Python, VideoConfig.fps)"
-        note(f"does not say its frame rate; taken as {FPS} per second; {remedy}")
-        return float(FPS)
+        note(f"does not say its frame rate; taken as {wanted} per second; {remedy}")
+        return float(wanted)
     if not RATES[0] <= rate <= RATES[1]:
         expected = f"expected {RATES[0]:g} to {RATES[1]:g}"
         raise VideoError(f"{path}: {rate:g} frames per second, {expected}; convert it, or give the right rate (--fps)")
@@ -139,8 +147,8 @@ def _captured(path: Path) -> Iterator[cv2.VideoCapture]:
         cv2.utils.logging.setLogLevel(level)
 
 
-def _decoded(capture: cv2.VideoCapture, path: Path) -> TimedFrames:
-    """The frames with the times that the file says, from its own zero."""
+def _decoded(capture: cv2.VideoCapture, path: Path, wanted: int) -> TimedFrames:
+    """The frames with the times that the file says, from its own zero, in frames at the wanted rate."""
     total = 0
     while True:
         try:
@@ -155,37 +163,37 @@ def _decoded(capture: cv2.VideoCapture, path: Path) -> TimedFrames:
         total += pixels
         check_limit(pixels, "image_pixels", path, VideoError)
         check_limit(total, "video_pixels", path, VideoError)  # the file's header may say less than it holds
-        shown = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000 * FPS
+        shown = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000 * wanted
         yield shown, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)  # type: ignore[misc]
 
 
-def _step(rate: float) -> float:
-    """From one frame to the next, in frames of CLEVRER."""
-    return 1.0 if abs(rate - FPS) <= RATE_TOLERANCE else FPS / rate
+def _step(rate: float, wanted: int) -> float:
+    """From one frame to the next, in frames at the wanted rate."""
+    return 1.0 if abs(rate - wanted) <= RATE_TOLERANCE else wanted / rate
 
 
-def _evenly(frames: TimedFrames, rate: float) -> TimedFrames:
+def _evenly(frames: TimedFrames, rate: float, wanted: int) -> TimedFrames:
     """The frames at even times, whatever their own are."""
-    return ((index * _step(rate), frame) for index, (_, frame) in enumerate(frames))
+    return ((index * _step(rate, wanted), frame) for index, (_, frame) in enumerate(frames))
 
 
-def _at_times(frames: TimedFrames, rate: float, note: Note) -> TimedFrames:
+def _at_times(frames: TimedFrames, rate: float, wanted: int, note: Note) -> TimedFrames:
     """The frames at even times, unless the file says clearly otherwise, which is noted once."""
     start, before, noted = 0.0, -1.0, False
     for index, (shown, frame) in enumerate(frames):
         if index == 0:
             start = shown
-        time = index * _step(rate)
+        time = index * _step(rate, wanted)
         if shown > before and abs(shown - start - time) > UNEVEN:
             time = shown - start
             if not noted:
-                note(f"variable frame rate, resampled to {FPS} frames per second")
+                note(f"variable frame rate, resampled to {wanted} frames per second")
             noted = True
         before = shown
         yield time, frame
 
 
-def read_window(path: Path, start: int, stop: int) -> list[NDArray[np.uint8]]:
+def read_window(path: Path, start: int, stop: int, wanted: int) -> list[NDArray[np.uint8]]:
     """Frames `start` to `stop - 1` (height, width, 3) uint8 RGB of a video file, numbered as they are stored.
 
     Decoding begins at the last keyframe before them. The list is shorter where the video ends before `stop`.
@@ -200,7 +208,7 @@ def read_window(path: Path, start: int, stop: int) -> list[NDArray[np.uint8]]:
             capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
             for _ in range(start):
                 capture.grab()
-        return [frame for _, frame in islice(_decoded(capture, path), stop - start)]
+        return [frame for _, frame in islice(_decoded(capture, path, wanted), stop - start)]
 
 
 def find_videos(folder: str | Path) -> list[Path]:

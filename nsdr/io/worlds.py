@@ -8,11 +8,16 @@ from typing import Any
 
 import msgspec
 
+from nsdr.errors import DataError
 from nsdr.io.configuration import check_sections
+from nsdr.io.files import write_json
 from nsdr.io.reading import read_yaml
 from nsdr.io.shipped import find_config
 from nsdr.validation import convert
 from nsdr.world.world import CLEVRER_WORLD, World
+
+WORLD_FILE = "world.json"
+"""File with the world of a folder's content."""
 
 
 def read_world(file_or_name: str | Path) -> World:
@@ -30,6 +35,30 @@ def read_world(file_or_name: str | Path) -> World:
     check_sections(World, content, str(file))
     world: World = convert(content, World, f"{file}: ")
     return world
+
+
+def world_of_folder(folder: str | Path) -> World:
+    """The world of what is in a folder, such as a checkpoint: that of its `world.json`, or CLEVRER's if it has none.
+
+    Raises:
+        DataError: see `read_world`.
+    """
+    path = Path(folder) / WORLD_FILE
+    return read_world(path) if path.exists() else CLEVRER_WORLD
+
+
+def store_world(folder: str | Path, world: World) -> None:
+    """Write the world of what will be in a folder into its `world.json`; nothing for CLEVRER's.
+
+    Raises:
+        DataError: the folder is of another world; says in what they differ.
+    """
+    path = Path(folder) / WORLD_FILE
+    if path.exists():
+        if differences := ", ".join(read_world(path).differences(world)):
+            raise DataError(f"{path}: is another world than {world.name}, in {differences}; choose another folder")
+    elif world != CLEVRER_WORLD:
+        write_json(path, asdict(world), indent=1)
 
 
 def stored_world(world: World) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 from urllib.error import URLError
 
@@ -15,15 +15,22 @@ from nsdr.errors import DataError, machine_error
 from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
-from nsdr.io.checkpoint import start_from
+from nsdr.io.checkpoint import find_checkpoint, load_description, start_from
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import PathName, PositiveCount, Settings
+from nsdr.world.world import CLEVRER_WORLD
 
 MAX_EXAMPLE_SEED = 2**62
 """Upper bound of the seed of an example's augmentation."""
 COCO_NETWORK = ("resnet50", 256)
 """Backbone and channels of the pyramid of torchvision's network."""
+MEASURED_FRAMES = 200
+"""Frames on which the mean and the standard deviation of colour channels are measured."""
+COLOR_DECIMALS = 3
+"""Decimals of these."""
+MIN_STD = 0.01
+"""Least standard deviation that is taken: that of a plain table is near 0 (0-1)."""
 MAX_REASON = 120
 """Characters of an error's reason that are shown."""
 
@@ -36,10 +43,12 @@ class FrameParserTraining(Settings):
         frames: folder with `annotations_*.jsonl` and `images/`; every 20th scene is held out for evaluation.
         run_dir: folder of the run; an interrupted run is resumed.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
-        initial: folder of a checkpoint to start from; "" starts from random weights, or from those of `pretrained`.
+        initial: folder of a checkpoint to start from, or "default"; "" starts from random weights, or from those of
+            `pretrained`. Heads whose words are others there start anew.
         pretrained: "coco" starts from torchvision's Mask R-CNN with ResNet-50 (paper), which is downloaded once; "" does not.
         evaluation_frames: maximum number of held-out frames to evaluate on.
-        model: the network.
+        model: the network. Its words are those of the frames' world; in another world than CLEVRER's, the mean and standard
+            deviation of its channels are those of the frames, too.
         augmentation: random changes to training images.
         loop: the optimisation.
     """
@@ -68,14 +77,27 @@ class FrameParserTask(Task):
     def __init__(self, config: FrameParserTraining) -> None:
         torch.manual_seed(config.loop.seed)
         self.config = config
-        network = build_frame_parser(config.model)
+        self.training_frames = FrameDataset(config.frames, "train", config.augmentation)
+        self.evaluation_frames = FrameDataset(config.frames, "evaluation")
+        self.model_config = model_of(config.model, self.evaluation_frames)
+        network = build_frame_parser(self.model_config)
         if config.pretrained:
             load_coco_weights(network)
         self.model: nn.Module = network.to(memory_format=torch.channels_last)
         if config.initial:
-            start_from(self.model, config.initial, "frame_parser")
-        self.training_frames = FrameDataset(config.frames, "train", config.augmentation, config.model.words)
-        self.evaluation_frames = FrameDataset(config.frames, "evaluation", words=config.model.words)
+            start_from(self.model, find_checkpoint(config.initial), "frame_parser", self._new_heads(config.initial))
+
+    def _new_heads(self, initial: str) -> list[str]:
+        """Prefixes of the tensors that the checkpoint `initial` has for other words."""
+        stored = load_description(find_checkpoint(initial), "frame_parser").get("config", {})
+        others = [
+            name for name, words in self.model_config.words.items() if tuple(stored.get(f"{name}s", words)) != words
+        ]
+        joint = self.model_config.attributes == "joint"
+        names = (
+            ["attribute_predictor."] if joint and others else [f"attribute_predictor.heads.{name}." for name in others]
+        )
+        return [f"roi_heads.{name}" for name in names]
 
     def draw(self, count: int, rng: np.random.Generator, step: int) -> list[tuple[int, int]]:
         """The index of each example's frame, and the seed of its augmentation."""
@@ -97,6 +119,23 @@ class FrameParserTask(Task):
         picked = np.linspace(0, len(self.evaluation_frames) - 1, count).astype(int)
         frames = [self.evaluation_frames[int(i)] for i in picked]
         return detection_scores(model, frames) | average_precision(model, frames)
+
+
+def model_of(config: FrameParserConfig, frames: FrameDataset) -> FrameParserConfig:
+    """The network for the world of frames: with its words, and, where it is not CLEVRER's, the frames' own colours.
+
+    Mean and standard deviation are measured on evenly spaced frames, which are without augmentation.
+    """
+    words = frames.world.vocabulary.words
+    config = replace(config, colors=words["color"], materials=words["material"], shapes=words["shape"])
+    if frames.world == CLEVRER_WORLD:
+        return config
+    picked = np.linspace(0, len(frames) - 1, min(MEASURED_FRAMES, len(frames))).astype(int)
+    images = [frames.get(int(i), np.random.default_rng(int(i)))[0] for i in picked]
+    pixels = torch.cat([image.flatten(1) for image in images], 1)
+    mean = [round(v, COLOR_DECIMALS) for v in pixels.mean(1).tolist()]
+    std = [max(round(v, COLOR_DECIMALS), MIN_STD) for v in pixels.std(1).tolist()]
+    return replace(config, image_mean=(mean[0], mean[1], mean[2]), image_std=(std[0], std[1], std[2]))
 
 
 def load_coco_weights(model: FrameParserNetwork) -> list[str]:
@@ -140,4 +179,4 @@ def main(argv: Sequence[str] | None = None) -> str:
     task = FrameParserTask(config)
     if len(task.training_frames) < config.loop.batch_size:
         raise DataError(f"{config.frames}: {len(task.training_frames)} training frames, fewer than one batch")
-    return train_part("frame_parser", task, config, config.model)
+    return train_part("frame_parser", task, config, task.model_config, world=task.training_frames.world)

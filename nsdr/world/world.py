@@ -31,7 +31,7 @@ class World(Checked):
         DataError: values that contradict each other; names them.
     """
 
-    name: str = "clevrer"
+    name: str = "CLEVRER"
     vocabulary: Vocabulary = field(default_factory=Vocabulary)
     physics: Physics = field(default_factory=Physics)
     timeline: Timeline = field(default_factory=Timeline)
