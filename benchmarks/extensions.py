@@ -38,6 +38,7 @@ from nsdr.question_parser.grammar import GrammarParser
 from nsdr.symbolic import Executor
 from nsdr.tracking.tracker import existence, track
 from nsdr.world.camera import CLEVRER_CAMERA as CAMERA
+from nsdr.world.world import CLEVRER_WORLD
 
 RIGHT, WRONG, REFUSED = "right", "wrong", "refused"
 SPEED_TOLERANCE = 0.1
@@ -175,7 +176,7 @@ def main() -> None:
     indices = range(options.first, options.first + options.scenes)
     truths = {i: read_truth_file(next(options.data.glob(f"truth/*/truth_{i:05d}.json"))) for i in indices}
     scenes = ((i, "", scene_from_truth(t), TruthSimulator(t)) for i, t in truths.items())
-    asked = select_questions((find_candidates(scene, config) for scene in scenes), config)
+    asked = select_questions((find_candidates(scene, config) for scene in scenes), config, CLEVRER_WORLD)
     for index, truth in truths.items():
         tracks = track(read_proposals(options.proposals / f"proposal_{index:05d}.json"))
         explanation = backend.explain(states_from_tracks(tracks))

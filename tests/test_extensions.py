@@ -443,7 +443,7 @@ def test_what_if_questions_are_simulated_by_bullet(truths) -> None:
     executor = Executor(scene, simulate=simulate)
     assert all(executor.run([*o.program, *found.program]) is (o.answer == "correct") for o in found.choices)
     candidates = find_candidates((0, "v", scene, simulate), QuestionConfig(extensions=True, changed_per_video=1))
-    (questions,) = select_questions([candidates], QuestionConfig(extensions=True, changed_per_video=1))
+    (questions,) = select_questions([candidates], QuestionConfig(extensions=True, changed_per_video=1), scene.world)
     assert all(isinstance(c, Choice) for q in questions.questions for c in q.choices)
 
 

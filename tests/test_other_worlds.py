@@ -169,7 +169,6 @@ def test_frames_show_the_colours_of_objects_and_table() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({}, "questions: world discs has other words than CLEVRER's"),
         ({"questions": None, "scene": SceneConfig(colors=("red",))}, "colors: expected some of orange, white, teal"),
         ({"questions": None, "scene": SceneConfig(held_out=("red disc",))}, "combinations such as orange wood disc"),
         ({"questions": None, "renderer": "blender"}, "render.assets|renderer blender: world discs: look"),

@@ -11,7 +11,7 @@ import pytest
 
 from nsdr import DataError, Event, Executor, Scene, SceneObject
 from nsdr.baselines import tag_options
-from nsdr.baselines.q_type import PUBLISHED_Q_TYPE, SUBTYPE_ANSWERS, q_type_answers, q_type_baselines
+from nsdr.baselines.q_type import PUBLISHED_Q_TYPE, q_type_answers, q_type_baselines, subtype_answers
 from nsdr.clevrer.files.questions import Choice, Question, SceneQuestions, read_questions, without_answers
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.cli.main import main
@@ -30,6 +30,7 @@ from nsdr.language.slots import Slot, with_filters
 from nsdr.language.texts import clevrer
 from nsdr.world.camera import Camera
 from nsdr.world.vocabulary import ATTRIBUTES, CLEVRER, COLORS, MATERIALS, SHAPES
+from nsdr.world.world import CLEVRER_WORLD
 
 
 @pytest.fixture(scope="module")
@@ -197,7 +198,7 @@ def many_scenes(n: int) -> list[tuple[int, str, Scene]]:
 
 @pytest.mark.robustness
 def test_answers_are_balanced_within_each_type(many_candidates) -> None:
-    questions = list(select_questions(many_candidates, QuestionConfig()))
+    questions = list(select_questions(many_candidates, QuestionConfig(), CLEVRER_WORLD))
     counts = count_questions(questions)
     assert abs(counts["answers, exist"]["yes"] - counts["answers, exist"]["no"]) <= 2
     colors = counts["answers, query_color"].values()
@@ -217,7 +218,7 @@ def test_answers_are_balanced_within_each_type(many_candidates) -> None:
 @pytest.mark.robustness
 def test_the_form_of_a_question_does_not_tell_its_answer(many_candidates) -> None:
     answers: dict[tuple[str, str], Counter[str]] = {}
-    for scene in select_questions(many_candidates, QuestionConfig()):
+    for scene in select_questions(many_candidates, QuestionConfig(), CLEVRER_WORLD):
         for q in (q for q in scene.questions if q.type == "descriptive"):
             answers.setdefault((q.subtype, form(q)), Counter())[q.answer] += 1
     for subtype, n_answers in {"count": 4, "exist": 2, "query_color": 8, "query_shape": 3, "query_material": 2}.items():
@@ -231,7 +232,7 @@ def test_the_form_of_a_question_does_not_tell_its_answer(many_candidates) -> Non
 @pytest.mark.robustness
 def test_not_says_nothing_about_how_many_options_are_correct(many_candidates) -> None:
     numbers: dict[bool, Counter[int]] = {False: Counter(), True: Counter()}
-    for scene in select_questions(many_candidates, QuestionConfig({"explanatory": 1.68})):
+    for scene in select_questions(many_candidates, QuestionConfig({"explanatory": 1.68}), CLEVRER_WORLD):
         for q in scene.questions:
             numbers["negate" in q.program][sum(c.answer == "correct" for c in q.choices)] += 1
     affirmative, negated = (numbers[form] for form in (False, True))
@@ -288,8 +289,9 @@ def test_random_answers_are_uniform_over_the_answers_of_the_question_type() -> N
 
 def test_uniform_answers_to_the_releases_questions_are_as_often_right_as_published() -> None:
     kinds = RELEASED_QUESTIONS["questions by kind"]
-    total = sum(kinds[name] for name in SUBTYPE_ANSWERS)
-    expected = sum(kinds[name] / len(answers) for name, answers in SUBTYPE_ANSWERS.items()) / total
+    possible = subtype_answers(CLEVRER_WORLD)
+    total = sum(kinds[name] for name in possible)
+    expected = sum(kinds[name] / len(answers) for name, answers in possible.items()) / total
     assert 100 * expected == pytest.approx(29.02, abs=0.01)
     assert 100 * expected == pytest.approx(PUBLISHED_Q_TYPE["random"]["descriptive"], abs=0.3)
 

@@ -8,8 +8,10 @@ from hypothesis import given, settings, strategies as st
 
 from nsdr.clevrer import Response, prompt, read_response, read_response_to, solution
 from nsdr.clevrer.answers.responses import MAX_LENGTH
-from nsdr.clevrer.files.questions import ANSWERS, Choice, Question
+from nsdr.clevrer.files.questions import Choice, Question, answer_words
+from nsdr.world.vocabulary import CLEVRER
 
+ANSWERS = frozenset().union(*answer_words(CLEVRER).values())
 OPTIONS = (
     "The red cube collides with the sphere",
     "The sphere exits the scene",

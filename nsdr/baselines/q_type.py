@@ -10,7 +10,8 @@ from nsdr.errors import DataError
 from nsdr.types import Answer, ChoiceAnswer
 from nsdr.types.answers import answer_from_word
 from nsdr.validation import expect
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import NAMES
+from nsdr.world.world import CLEVRER_WORLD, World
 
 PUBLISHED_Q_TYPE = {
     "random": {
@@ -27,23 +28,32 @@ PUBLISHED_Q_TYPE = {
     },
 }
 """Accuracies on the test split (%) from the paper's Table 2; multiple choice as (per option, per question)."""
-SUBTYPE_ANSWERS = {
-    "count": tuple("012345"),
-    "exist": ("yes", "no"),
-    **{f"query_{name}": words for name, words in ATTRIBUTES.items()},
-}
-"""CLEVRER's answers to each descriptive subtype. With the release's numbers of questions, uniform answers would be right in
-29.0 % of the descriptive questions; the paper reports 29.2 %."""
+SUBTYPES = ("count", "exist", *(f"query_{name}" for name in NAMES))
+"""Subtypes of CLEVRER's descriptive questions."""
 OPTION_ANSWERS = ("correct", "wrong")
 """Answers to an option of a multiple-choice question."""
 
 
+def subtype_answers(world: World) -> dict[str, tuple[str, ...]]:
+    """A world's answers to each descriptive subtype; counts end below its largest number of objects.
+
+    With the release's numbers of questions, uniform answers would be right in 29.0 % of CLEVRER's descriptive questions; the
+    paper reports 29.2 %.
+    """
+    answers = (tuple(map(str, range(world.layout.most_objects))), ("yes", "no"), *world.vocabulary.words.values())
+    return dict(zip(SUBTYPES, answers, strict=True))
+
+
 def q_type_answers(
-    scenes: Sequence[SceneQuestions], name: str, seed: int = 0, training: Sequence[SceneQuestions] | None = None
+    scenes: Sequence[SceneQuestions],
+    name: str,
+    seed: int = 0,
+    training: Sequence[SceneQuestions] | None = None,
+    world: World = CLEVRER_WORLD,
 ) -> Iterator[tuple[SceneQuestions, dict[int, Answer]]]:
     """Each scene's questions with a baseline's answers by question id, as `nsdr.evaluation.score.score_answers` takes them.
 
-    "random" draws uniformly from the answers to the question's subtype (`SUBTYPE_ANSWERS`), or "correct" or "wrong" for each
+    "random" draws uniformly from the answers to the question's subtype (`subtype_answers`), or "correct" or "wrong" for each
     option.
     "frequent" gives the most frequent answer in the training set to questions of the subtype, or to options of the type; of
     equally frequent answers, the first in the alphabet.
@@ -54,6 +64,7 @@ def q_type_answers(
         seed: seed of the random answers.
         training: the training set, with answers; its plain questions do not count. None counts the answers in `scenes`
             themselves, which is not the paper's baseline.
+        world: that the questions are about.
 
     Raises:
         DataError: another name, a question without its answer, an unknown subtype, or a type or subtype that the training set
@@ -64,7 +75,7 @@ def q_type_answers(
     for question in (q for scene in (scenes if training is None else training) for q in scene.questions):
         if question.subtype != PLAIN:
             counts[_key(question)].update(_answers(question))
-    rng = random.Random(seed)
+    rng, answers = random.Random(seed), subtype_answers(world)
     for scene in scenes:
         given = {}
         for question in scene.questions:
@@ -73,7 +84,7 @@ def q_type_answers(
                 raise DataError(
                     f"the training questions have no {key!r}, which is to be answered; give a complete training set"
                 )
-            possible = OPTION_ANSWERS if question.choices else SUBTYPE_ANSWERS[key]
+            possible = OPTION_ANSWERS if question.choices else answers[key]
             frequent = min(counts[key], key=lambda answer: (-counts[key][answer], answer))
             words = [rng.choice(possible) if name == "random" else frequent for _ in range(n)]
             judged = [
@@ -89,7 +100,10 @@ def q_type_answers(
 
 
 def q_type_baselines(
-    scenes: Sequence[SceneQuestions], seed: int = 0, training: Sequence[SceneQuestions] | None = None
+    scenes: Sequence[SceneQuestions],
+    seed: int = 0,
+    training: Sequence[SceneQuestions] | None = None,
+    world: World = CLEVRER_WORLD,
 ) -> dict[str, dict[str, Any]]:
     """Accuracies (0-1) of both baselines, as {baseline: {type: accuracy or (per option, per question)}}.
 
@@ -98,7 +112,7 @@ def q_type_baselines(
     found: dict[str, dict[str, Any]] = {}
     for name in PUBLISHED_Q_TYPE:
         right: dict[str, list[list[bool]]] = defaultdict(list)
-        for scene, given in q_type_answers(scenes, name, seed, training):
+        for scene, given in q_type_answers(scenes, name, seed, training, world):
             for question in scene.questions:
                 words = [c.answer for c in given[question.id].choices] or [given[question.id].text]
                 right[question.type].append([a == b for a, b in zip(words, _answers(question), strict=True)])
@@ -109,10 +123,8 @@ def q_type_baselines(
 def _key(question: Question) -> str:
     if question.choices:
         return question.type
-    if question.subtype not in SUBTYPE_ANSWERS:
-        raise DataError(
-            f"{question.text!r} has the subtype {question.subtype}; expected one of {', '.join(SUBTYPE_ANSWERS)}"
-        )
+    if question.subtype not in SUBTYPES:
+        raise DataError(f"{question.text!r} has the subtype {question.subtype}; expected one of {', '.join(SUBTYPES)}")
     return question.subtype
 
 

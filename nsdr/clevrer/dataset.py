@@ -12,9 +12,10 @@ from nsdr.clevrer.layout import DataSetFiles
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
+from nsdr.io.worlds import world_in
 from nsdr.types import VideoProposals
 from nsdr.validation import PositiveCount, convert, expect
-from nsdr.world.physics_constants import VIDEO_FRAMES
+from nsdr.world.world import CLEVRER_WORLD, World
 
 __all__ = ["CLEVRER", "KINDS", "SPLITS", "Inventory", "Split", "file_name", "sub_folder"]
 
@@ -91,8 +92,11 @@ class CLEVRER:
     Args:
         root: the folder.
 
+    Attributes:
+        world: what its manifest says of the world of its videos; CLEVRER's without one.
+
     Raises:
-        DataError: there is no such folder.
+        DataError: there is no such folder, or its manifest is malformed.
     """
 
     def __init__(self, root: str | Path) -> None:
@@ -101,6 +105,7 @@ class CLEVRER:
             raise DataError(f"{root}: no such folder; `nsdr data download` creates one")
         path = self.root / "manifest.json"
         self.manifest = read_manifest(path) if os.path.lexists(path) else None
+        self.world = CLEVRER_WORLD if self.manifest is None else world_in(self.manifest, f"{path}: ")
         self.files = DataSetFiles(self.root)
 
     def split(self, name: str) -> "Split":
@@ -116,8 +121,9 @@ class CLEVRER:
             raise DataError(f"split is {name!r}; expected one of {', '.join(SPLITS)}")
         if self.manifest is None:
             return Split(self.files, name, SPLITS[name])
+        kinds, n_frames = tuple(self.manifest["kinds"]), self.manifest["n_frames"]
         start, stop = self.manifest["splits"][name]
-        return Split(self.files, name, range(start, stop), tuple(self.manifest["kinds"]), self.manifest["n_frames"])
+        return Split(self.files, name, range(start, stop), kinds, n_frames, self.world)
 
     def inventory(self) -> list[Inventory]:
         """How complete each kind of files is, for every split."""
@@ -156,6 +162,7 @@ class Split:
         indices: video indices of the split.
         kinds: kinds of files that the data set has.
         n_frames: number of frames of each video.
+        world: the world of the videos.
     """
 
     def __init__(
@@ -164,10 +171,11 @@ class Split:
         name: str,
         indices: range,
         kinds: tuple[str, ...] = KINDS,
-        n_frames: int = VIDEO_FRAMES,
+        n_frames: int = CLEVRER_WORLD.timeline.frames,
+        world: World = CLEVRER_WORLD,
     ) -> None:
         self.files, self.root, self.name, self.indices = files, files.root, name, indices
-        self.kinds, self.n_frames = kinds, n_frames
+        self.kinds, self.n_frames, self.world = kinds, n_frames, world
 
     @property
     def question_file(self) -> Path | None:
@@ -185,7 +193,7 @@ class Split:
         path = self.question_file
         if path is None:
             raise DataError(f"{self.root}: has no questions/{self.name}.json")
-        return read_questions(path)
+        return read_questions(path, self.world.vocabulary)
 
     def path(self, kind: str, index: int) -> Path:
         """Path of a file of a kind ("videos", "annotations" or "proposals").

@@ -119,15 +119,16 @@ def score(options: Any) -> int:
     from nsdr.evaluation.measures import compare_results, format_comparison
     from nsdr.evaluation.responses import score_responses
     from nsdr.io.files import write_json
+    from nsdr.io.worlds import world_beside
 
     files = [options.predictions] if options.other is None else [options.predictions, options.other]
     check_outputs([options.questions, *files], (options.output, (".json",)))
-    questions = read_questions(options.questions)
+    questions, vocabulary = read_questions(options.questions), world_beside(options.questions).vocabulary
     reports = []
     for file in files:
         answers = read_answers(file)
         try:
-            reports.append(score_responses(questions, answers, options.allow_missing))
+            reports.append(score_responses(questions, answers, options.allow_missing, vocabulary))
         except DataError as e:
             raise DataError(f"{file} with {options.questions}: {e}") from e
         print(f"{file}:\n{reports[-1]}\n")

@@ -16,13 +16,14 @@ from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.changed import TruthSimulator
 from nsdr.generate.physics.scene import simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
-from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions
+from nsdr.generate.questions.selection import QuestionConfig, find_candidates, select_questions, world_of
 from nsdr.generate.scene_files import truth_document
 from nsdr.generate.statistics import write_question_statistics
 from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import check_output, check_output_folder, find_files, write_json
 from nsdr.io.tasks import ENGINES, run_in_order
 from nsdr.io.worlds import read_world
+from nsdr.language.reserved import check_vocabulary
 from nsdr.validation import Count, Settings, one_of
 
 
@@ -104,16 +105,18 @@ def _questions(arguments: Sequence[str]) -> str:
     paths = [options.scenes] if isinstance(options.scenes, str) else options.scenes
     check_output(options.output, [".json"], paths)
     scenes: list[Any] = sorted((s for path in paths for s in iterate_scenes(path)), key=lambda scene: scene[0])
+    world = world_of([scene for _, _, scene in scenes])
+    check_vocabulary(world.vocabulary)
     if options.questions.changed_per_video:
         simulators = _simulators(paths)
         scenes = [(*scene, simulators.get(scene[0])) for scene in scenes]
     find = partial(find_candidates, config=options.questions)
     found = run_in_order(find, scenes, options.engine, options.workers)
     bar = tqdm(found, total=len(scenes), unit="scene", desc="questions")
-    selected = list(select_questions(bar, options.questions))
+    selected = list(select_questions(bar, options.questions, world))
     output = Path(options.output)
     write_questions(output, selected)
-    write_question_statistics(output.with_suffix(""), selected)
+    write_question_statistics(output.with_suffix(""), selected, world)
     return options.output
 
 

@@ -19,6 +19,7 @@ from nsdr.evaluation.report import Report
 from nsdr.evaluation.score import score_answers
 from nsdr.types import Answer, ChoiceAnswer
 from nsdr.types.answers import answer_from_word
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 MISSING, UNREAD = "missing: the file has no answer", "unread"
 """How the errors of missing and of unread answers begin."""
@@ -69,7 +70,10 @@ class ResponseReport(Report):
 
 
 def score_responses(
-    scenes: Sequence[SceneQuestions], given: Mapping[QuestionKey, Given], allow_missing: bool = False
+    scenes: Sequence[SceneQuestions],
+    given: Mapping[QuestionKey, Given],
+    allow_missing: bool = False,
+    vocabulary: Vocabulary = CLEVRER,
 ) -> ResponseReport:
     """Read and score a system's answers.
 
@@ -77,6 +81,7 @@ def score_responses(
         scenes: questions with their answers.
         given: the system's answers, as in `read_answers`.
         allow_missing: score the answered questions only; else those without an answer count as wrong.
+        vocabulary: the words of objects.
 
     Raises:
         DataError: no answer is about one of the questions, or these have no answers in their file.
@@ -93,7 +98,7 @@ def score_responses(
     def read(question: Question, key: QuestionKey) -> Answer | NsdrError:
         if key not in given:
             return DataError(MISSING)
-        response = read_given(question, given[key])
+        response = read_given(question, given[key], vocabulary)
         if response.answer is not None:
             read_as[response.how] += 1
             failed.extend(f"{_id(key)}, option {letter}" for letter in sorted(response.failed))

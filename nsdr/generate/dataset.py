@@ -40,8 +40,8 @@ from nsdr.io.reading import read_json
 from nsdr.io.tasks import ENGINES, run_in_order
 from nsdr.io.video import spaced, write_video
 from nsdr.io.worlds import read_world, stored_world
+from nsdr.language.reserved import check_vocabulary
 from nsdr.validation import Count, Settings, Share, convert, expect, one_of
-from nsdr.world.vocabulary import Vocabulary
 from nsdr.world.world import CLEVRER_WORLD, World
 
 RENDERERS = ("preview", "blender", "none")
@@ -122,11 +122,8 @@ class DatasetConfig(Settings):
         self.scene.triples_in(world)
         self.render.camera_in(world)
         self.render.size_in(world)
-        if self.questions is not None and world.vocabulary != Vocabulary():
-            raise DataError(
-                f"questions: world {world.name} has other words than CLEVRER's, in which no questions are written yet; "
-                "expected null"
-            )
+        if self.questions is not None:
+            check_vocabulary(world.vocabulary)
         if self.renderer == "blender":
             check_assets_fit(world)
 
@@ -267,10 +264,11 @@ def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[
         return
     paths = [Files(config.output, split, i).truth for i in indices]
     found = run_in_order(partial(_scene_candidates, wanted), paths, config.engine, config.workers)
-    scenes = list(select_questions(tqdm(found, total=len(paths), unit="scene", desc="questions"), wanted))
+    bar = tqdm(found, total=len(paths), unit="scene", desc="questions")
+    scenes = list(select_questions(bar, wanted, config.own_world))
     root = Path(config.output)
     if split != "test":
-        write_question_statistics(root / "questions" / split, scenes)
+        write_question_statistics(root / "questions" / split, scenes, config.own_world)
     write_split_questions(root, split, scenes)
 
 

@@ -8,11 +8,12 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from nsdr.baselines.q_type import PUBLISHED_Q_TYPE, SUBTYPE_ANSWERS, q_type_baselines
+from nsdr.baselines.q_type import PUBLISHED_Q_TYPE, SUBTYPES, q_type_baselines
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.io.files import write_file
 from nsdr.io.reading import parse_json
 from nsdr.types import Scene
+from nsdr.world.world import World
 
 FRAME_BIN = 10
 """Width of a bin of frames."""
@@ -113,7 +114,7 @@ def write_statistics(folder: str | Path, counts: Counts, title: str) -> None:
     write_file(Path(folder) / "statistics.md", "\n".join(lines) + "\n")
 
 
-def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions]) -> None:
+def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions], world: World) -> None:
     """Write `STEM.statistics.md`: `count_questions` beside that of the release, and the accuracy from question types alone."""
     lines = [f"# Questions on {len(scenes)} videos", ""]
     for name, values in count_questions(scenes).items():
@@ -129,9 +130,9 @@ def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions]
         "|---|---|---|---|---|",
     ]
     of_clevrer = [
-        replace(s, questions=tuple(q for q in s.questions if q.choices or q.subtype in SUBTYPE_ANSWERS)) for s in scenes
+        replace(s, questions=tuple(q for q in s.questions if q.choices or q.subtype in SUBTYPES)) for s in scenes
     ]
-    for baseline, rows in q_type_baselines(of_clevrer).items():
+    for baseline, rows in q_type_baselines(of_clevrer, world=world).items():
         for source, scale, found in (("this set", 100, rows), ("as published", 1, PUBLISHED_Q_TYPE[baseline])):
             cells = [_accuracy(found.get(kind), scale) for kind in PUBLISHED_Q_TYPE["random"]]
             lines.append(f"| Q-type ({baseline}), {source} | {' | '.join(cells)} |")

@@ -11,7 +11,7 @@ import msgspec
 from nsdr.errors import DataError
 from nsdr.io.configuration import check_sections
 from nsdr.io.files import write_json
-from nsdr.io.reading import read_yaml
+from nsdr.io.reading import read_json, read_yaml
 from nsdr.io.shipped import find_config
 from nsdr.validation import convert
 from nsdr.world.world import CLEVRER_WORLD, World
@@ -81,6 +81,21 @@ def world_in(content: Mapping[str, Any], where: str = "") -> World:
         return CLEVRER_WORLD
     check_sections(World, stored, f"{where}world")
     return _world(msgspec.json.encode(stored), f"{where}world: ")
+
+
+def world_beside(file: str | Path) -> World:
+    """The world of the generated data set that a file is of: its `manifest.json` is beside the file or one folder above.
+
+    It is CLEVRER's without one.
+
+    Raises:
+        DataError: an unreadable manifest, or values that are no world.
+    """
+    for folder in (Path(file).parent, Path(file).parent.parent):
+        manifest = folder / "manifest.json"
+        if manifest.is_file() and isinstance(content := read_json(manifest), dict):
+            return world_in(content, f"{manifest}: ")
+    return CLEVRER_WORLD
 
 
 @lru_cache(maxsize=16)

@@ -145,7 +145,7 @@ class Executor:
     def _candidate(self, program: Program, answer: Answer, candidate: str) -> ChoiceAnswer:
         """Whether a candidate says the answer, and how probable it is that it says the right one."""
         try:
-            said = read_candidate(candidate, program.result, answer.text)
+            said = read_candidate(candidate, program.result, answer.text, self.scene.world.vocabulary)
         except UnreadableError:
             words = self.scene.world.vocabulary.words.get(program.result)
             expected = EXPECTED.get(program.result, f"a {program.result}")

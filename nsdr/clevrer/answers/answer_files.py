@@ -15,6 +15,7 @@ from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.reading import parse_json_lines, read_json, read_json_bytes
 from nsdr.validation import convert, expect
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 __all__ = [
     "Given",
@@ -71,10 +72,10 @@ def read_answers(path: str | Path) -> dict[QuestionKey, Given]:
     return answers
 
 
-def read_given(question: Question, given: Given) -> Response:
+def read_given(question: Question, given: Given, vocabulary: Vocabulary = CLEVRER) -> Response:
     """What an answer says: of a response, what `read_response` gives; judgements of choices must be complete."""
     if isinstance(given, str):
-        return read_response_to(question, given)
+        return read_response_to(question, given, vocabulary)
     ids = [c.id for c in question.choices]
     if set(ids) != set(given):
         expected = f"those of {sorted(ids)}" if ids else "the word that answers an open question"

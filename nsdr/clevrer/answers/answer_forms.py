@@ -3,22 +3,16 @@
 import re
 import unicodedata
 from collections.abc import Collection, Iterable, Sequence
+from functools import cache
 
 from nsdr.clevrer.answers.prompts import option_letters
-from nsdr.clevrer.files.questions import ANSWERS, BEYOND, BEYOND_BY_KIND
+from nsdr.clevrer.files.questions import answer_patterns, answer_words, is_beyond
 from nsdr.errors import DataError
-from nsdr.world.vocabulary import ATTRIBUTES, DIRECTIONS, NOUNS, SPEED_UNIT, STATIONARY
+from nsdr.world.vocabulary import DIRECTIONS, SPEED_UNIT, STATIONARY, Vocabulary
 
 __all__ = ["UnreadableError", "is_bare", "plain", "read_candidate", "read_letters", "read_word"]
 
 NUMBERS = "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen"
-SAME_WORDS = {
-    **{word: str(i) for i, word in enumerate(NUMBERS.split())},
-    **{"grey": "gray", "cubes": "cube", "spheres": "sphere", "cylinders": "cylinder", "metallic": "metal"},
-}
-"""Other spellings of answer words."""
-SHAPE_NOUNS = {noun: shape for noun, (shape, _) in NOUNS.items() if shape}
-"""Nouns that name a shape, such as "ball"; they are read where a text has no answer word, as in "a ball"."""
 SAME_SIGNS = {0x2019: "'", 0x2013: "-", 0x2014: "-", 0x2212: "-"}
 """Typographic apostrophe, dashes and minus sign, as plain ones."""
 DENIALS = frozenset(
@@ -48,17 +42,6 @@ FILLERS = JUDGING | {"letter", "letters", "only", "are", "it", "correct", "right
 OPINION = re.compile(r"\bI (?:think|believe|say|choose|pick|select)\b(?: that\b)?", re.IGNORECASE)
 LETTER = re.compile(r"^\(?[A-Z](?:[).:]+\s*|\s+-\s+)", re.IGNORECASE)
 """The letter that stands before an option."""
-_NOUN = "|".join(noun for noun, (_, number) in NOUNS.items() if number == "N")
-_SUBJECT = rf"(?:(?:it|the (?:\w+ ){{0,3}}(?:{_NOUN})) )?"
-BEGINNING = re.compile(rf"{_SUBJECT}(?:is |moves )?(?:moving )?(?:to )?(?:the |an? )?")
-"""The beginning of a sentence that says an answer, such as "the object is"."""
-AT_REST = re.compile(rf"{_SUBJECT}(?:is not moving|does not move|not moving)")
-WORDS = {
-    "number": frozenset(word for word in ANSWERS if word.isdigit()),
-    "boolean": frozenset({"yes", "no"}),
-    **{attribute: frozenset(words) for attribute, words in ATTRIBUTES.items()},
-}
-"""Answer words by what is asked for, a `nsdr.symbolic.Kind`."""
 NO_ANSWER = re.compile(
     r"(?:(?:i|it|this)(?: am|'m| is|'s)? )?(?:not sure|unsure|unclear|unknown|not known|do not know|can ?not (?:tell|say|know)"
     r"|can ?not be (?:known|told|said|determined))(?: from (?:the|this) video)?"
@@ -74,6 +57,67 @@ QUOTE = re.compile("\ue000([0-9]+)\ue001")
 OTHER_SIGN = re.compile(r"[^\w\s.,;:!&+()\[\]{}\"'•\ue000\ue001-]|\b[A-Z] ?- ?[A-Z]\b")
 """Signs that do not stand in a list, and a range of letters."""
 LABELLED = re.compile(rf"(?:(?<!\w)([A-Z])[).:]*\s?(?:-\s)?)?{QUOTE.pattern}")
+
+
+class _Forms:
+    """What answers in the words of a vocabulary look like.
+
+    Attributes:
+        vocabulary: the vocabulary.
+        same_words: other spellings and synonyms of answer words.
+        shape_nouns: nouns that name a shape, such as "ball"; they are read where a text has no answer word, as in "a ball".
+        beginning: the beginning of a sentence that says an answer, such as "the object is".
+        at_rest: a sentence that says that an object does not move.
+    """
+
+    def __init__(self, vocabulary: Vocabulary) -> None:
+        self.vocabulary = vocabulary
+        self.same_words = {word: str(i) for i, word in enumerate(NUMBERS.split())}
+        self.same_words |= {synonym: color.word for color in vocabulary.colors for synonym in color.synonyms}
+        self.same_words |= {
+            synonym: material.word for material in vocabulary.materials for synonym in material.synonyms
+        }
+        self.same_words |= {shape.plurals[shape.word]: shape.word for shape in vocabulary.shapes}
+        self.shape_nouns = {noun: shape for noun, (shape, _) in vocabulary.nouns.items() if shape}
+        noun = "|".join(noun for noun, (_, number) in vocabulary.nouns.items() if number == "N")
+        subject = rf"(?:(?:it|the (?:\w+ ){{0,3}}(?:{noun})) )?"
+        self.beginning = re.compile(rf"{subject}(?:is |moves )?(?:moving )?(?:to )?(?:the |an? )?")
+        self.at_rest = re.compile(rf"{subject}(?:is not moving|does not move|not moving)")
+
+    def bare_answer(self, text: str) -> str:
+        """What a sentence says of its subject: "red metal cube" of "It is the red metal cube."."""
+        sentence = _sentence(text)
+        return STATIONARY if self.at_rest.fullmatch(sentence) else self.beginning.sub("", sentence, count=1)
+
+    def one_word(self, text: str, asked_for: Collection[str]) -> str:
+        """The one word that a word or sentence names, of those that are asked for."""
+        lower = text.casefold().replace("n't", " not ")
+        tokens = re.findall(r"[^\s,;:!?\"()\[\]{}/]+", re.sub(r"(?<=[a-z])-(?=[a-z])", " ", lower))
+        words = [self._same(_without_marks(token.strip("'<>"))) for token in tokens]
+        words = [w for w in words if w]
+        numbers = "0" in asked_for
+        named = {w for w in words if w in asked_for or (numbers and re.match(r"[.-]?\d", w))}
+        if named <= set(self.shape_nouns):
+            named |= {self.shape_nouns[w] for w in words if w in self.shape_nouns}.intersection(asked_for)
+        leading = re.match(r"(yes|no) ?[,.;:!-]", lower)
+        if leading and len(named & {"yes", "no"}) == 1 and not any(w[-1].isdigit() for w in named):
+            return leading[1]
+        if len(named) > 1:
+            raise UnreadableError(f"several answer words: {', '.join(sorted(named)[:4])}")
+        if not named.intersection(asked_for):
+            raise UnreadableError("no answer word")
+        if len(words) > 1 and ("?" in text or DENIALS & set(words) or "no" in words[:-1]):
+            raise UnreadableError("a question or a denial")
+        if re.search(r"[.!;]\s+\w|\n", text):
+            raise UnreadableError("more than one sentence")
+        return named.pop()
+
+    def _same(self, word: str) -> str:
+        word = self.same_words.get(word, word)
+        return word.lstrip("0") or "0" if re.fullmatch("[0-9]+", word) else word
+
+
+_forms = cache(_Forms)
 
 
 class UnreadableError(DataError):
@@ -97,13 +141,14 @@ def is_bare(text: str) -> bool:
     return len(words) == 1 or (bool(words) and all(len(w) == 1 or w.casefold() == "and" for w in words))
 
 
-def read_candidate(text: str, kind: str, answer: str) -> str | None:
+def read_candidate(text: str, kind: str, answer: str, vocabulary: Vocabulary) -> str | None:
     """The answer that a candidate of an open question says, with or without its letter.
 
     Args:
         text: the candidate.
         kind: what is asked for, a `nsdr.symbolic.Kind`; only words of this kind count.
         answer: the question's answer; a candidate with the same words says it.
+        vocabulary: of attribute words.
 
     Returns:
         An answer such as "3", "frame 10" or "red metal cube"; None for a candidate such as "not sure" or "none of the above".
@@ -111,60 +156,41 @@ def read_candidate(text: str, kind: str, answer: str) -> str | None:
     Raises:
         UnreadableError: it says no answer, or several.
 
-    >>> read_candidate("B. The object is stationary.", "direction", "left")
+    >>> read_candidate("B. The object is stationary.", "direction", "left", Vocabulary())
     'stationary'
     """
     text = LETTER.sub("", plain(text), count=1)
-    bare = _bare_answer(text)
-    if bare == _bare_answer(plain(answer)):
+    forms, words = _forms(vocabulary), answer_words(vocabulary)
+    bare = forms.bare_answer(text)
+    if bare == forms.bare_answer(plain(answer)):
         return answer
     if NO_ANSWER.fullmatch(_sentence(text)):
         return None
-    if kind in WORDS:
-        return _one_word(text, WORDS[kind])
+    if kind in words:
+        return forms.one_word(text, words[kind])
     if kind == "frame" and (frame := re.fullmatch(r"(?:(?:at|in) )?(?:frame )?(\d+)", bare)):
         return f"frame {int(frame[1])}"
     if kind == "speed" and re.fullmatch(r"\d+\.\d", bare):
         return f"{bare} {SPEED_UNIT}"
     if kind == "direction" and STATIONARY not in (bare, answer) and (bare in DIRECTIONS) != (answer in DIRECTIONS):
         raise UnreadableError("a direction in the image for one in the scene, or the reverse")
-    if kind in BEYOND_BY_KIND and re.fullmatch(BEYOND_BY_KIND[kind], bare):
+    patterns = answer_patterns(vocabulary)
+    if kind in patterns and patterns[kind].fullmatch(bare):
         return bare
     raise UnreadableError("no answer")
 
 
-def read_word(text: str) -> str:
+def read_word(text: str, vocabulary: Vocabulary) -> str:
     """The one answer word that a word or sentence of `plain` text names, or the answer beyond CLEVRER that it is.
 
     Raises:
         UnreadableError: no answer word, several different ones, a denial, a question, or a number that is not whole.
     """
-    bare = _bare_answer(text)
-    return bare if BEYOND.fullmatch(bare) else _one_word(text, ANSWERS)
-
-
-def _one_word(text: str, asked_for: Collection[str]) -> str:
-    """The one word that a word or sentence names, of those that are asked for."""
-    lower = text.casefold().replace("n't", " not ")
-    tokens = re.findall(r"[^\s,;:!?\"()\[\]{}/]+", re.sub(r"(?<=[a-z])-(?=[a-z])", " ", lower))
-    words = [_same(_without_marks(token.strip("'<>"))) for token in tokens]
-    words = [w for w in words if w]
-    numbers = "0" in asked_for
-    named = {w for w in words if w in asked_for or (numbers and re.match(r"[.-]?\d", w))}
-    if named <= set(SHAPE_NOUNS):
-        named |= {SHAPE_NOUNS[w] for w in words if w in SHAPE_NOUNS}.intersection(asked_for)
-    leading = re.match(r"(yes|no) ?[,.;:!-]", lower)
-    if leading and len(named & {"yes", "no"}) == 1 and not any(w[-1].isdigit() for w in named):
-        return leading[1]
-    if len(named) > 1:
-        raise UnreadableError(f"several answer words: {', '.join(sorted(named)[:4])}")
-    if not named.intersection(asked_for):
-        raise UnreadableError("no answer word")
-    if len(words) > 1 and ("?" in text or DENIALS & set(words) or "no" in words[:-1]):
-        raise UnreadableError("a question or a denial")
-    if re.search(r"[.!;]\s+\w|\n", text):
-        raise UnreadableError("more than one sentence")
-    return named.pop()
+    forms = _forms(vocabulary)
+    bare = forms.bare_answer(text)
+    if is_beyond(bare, vocabulary):
+        return bare
+    return forms.one_word(text, frozenset().union(*answer_words(vocabulary).values()))
 
 
 def _sentence(text: str) -> str:
@@ -173,22 +199,11 @@ def _sentence(text: str) -> str:
     return re.sub(r" +", " ", lower.replace("can't", "cannot").replace("n't", " not"))
 
 
-def _bare_answer(text: str) -> str:
-    """What a sentence says of its subject: "red metal cube" of "It is the red metal cube."."""
-    sentence = _sentence(text)
-    return STATIONARY if AT_REST.fullmatch(sentence) else BEGINNING.sub("", sentence, count=1)
-
-
 def _without_marks(token: str) -> str:
     """The token without full stops and hyphens at its ends; those at its start are kept where a number follows: "-3", ".5"."""
     token = token.rstrip(".-")
     word = token.lstrip(".-")
     return token[len(token) - len(word) - 1 :] if word != token and word[:1].isdigit() else word
-
-
-def _same(word: str) -> str:
-    word = SAME_WORDS.get(word, word)
-    return word.lstrip("0") or "0" if re.fullmatch("[0-9]+", word) else word
 
 
 def read_letters(text: str, options: Sequence[str]) -> frozenset[str]:

@@ -4,12 +4,13 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from nsdr.clevrer.answers.answer_forms import UnreadableError, is_bare, plain, read_letters, read_word
-from nsdr.clevrer.answers.prompts import INSTRUCTIONS, NO_OPTION, option_letters
+from nsdr.clevrer.answers.prompts import NO_OPTION, instructions, option_letters
 from nsdr.clevrer.files.questions import Question
-from nsdr.world.vocabulary import ADJECTIVES, NOUNS
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 __all__ = ["Response", "read_response", "read_response_to"]
 
@@ -24,8 +25,6 @@ LABEL = re.compile(
 )
 RETRACTION = re.compile(r"\b(?:wait|actually|correction|oops|sorry|wrong|incorrect)\b|\bno,", re.IGNORECASE)
 REASON = re.compile(r"\b(?:because|since)\b", re.IGNORECASE)
-OTHER_LETTER = re.compile(rf"\b(?:[B-HJ-Z]|A(?! (?:{'|'.join((*ADJECTIVES, *NOUNS, 'collision'))})\b))\b")
-"""A letter that an explanation names; neither the pronoun "I" nor the article of "A red cube"."""
 FENCE = re.compile(r"```(?:json)?([^`]*)```", re.IGNORECASE)
 BOX = re.compile(r"\\boxed\s*\{")
 BOXED = re.compile(r"((?:[^{}]|\{(?:[^{}]|\{[^{}]*\})*\})*)\}")
@@ -58,7 +57,7 @@ class Response:
     failed: frozenset[str] = frozenset()
 
 
-def read_response(text: str, options: Sequence[str] = ()) -> Response:
+def read_response(text: str, options: Sequence[str] = (), vocabulary: Vocabulary = CLEVRER) -> Response:
     """Read a model's answer.
 
     What stands in `<think>` tags is passed over. Of several `<answer>` pairs or boxes the last one counts. A response that
@@ -71,6 +70,7 @@ def read_response(text: str, options: Sequence[str] = ()) -> Response:
     Args:
         text: the response.
         options: texts of the options A, B, …; empty for an open question.
+        vocabulary: the words of objects.
 
     Raises:
         DataError: more options than letters. No text raises.
@@ -80,27 +80,27 @@ def read_response(text: str, options: Sequence[str] = ()) -> Response:
         return Response(None, "", f"{len(text)} characters; at most {MAX_LENGTH} are read")
 
     try:
-        answer, how = _Reader(options).read(text)
+        answer, how = _Reader(options, vocabulary).read(text)
     except UnreadableError as e:
         return Response(None, "", str(e))
     return Response(answer, how, "")
 
 
-def read_response_to(question: Question, text: str) -> Response:
+def read_response_to(question: Question, text: str, vocabulary: Vocabulary = CLEVRER) -> Response:
     """`read_response` with the options of a question."""
-    return read_response(text, [c.text for c in question.choices])
+    return read_response(text, [c.text for c in question.choices], vocabulary)
 
 
 class _Reader:
     """Reads responses to an open question, or to one with options."""
 
-    def __init__(self, options: Sequence[str]) -> None:
-        self.options = options
+    def __init__(self, options: Sequence[str], vocabulary: Vocabulary) -> None:
+        self.options, self.vocabulary = options, vocabulary
 
     def read(self, text: str) -> tuple[Answer, str]:
         """The answer and where it was found."""
         text = re.sub(r"<\|\w+\|>|</s>", "", _thought_through(text))  # without end-of-text tokens
-        for instruction in INSTRUCTIONS:  # a prompt that is repeated holds examples in tags
+        for instruction in instructions(self.vocabulary):  # a prompt that is repeated holds examples in tags
             text = text.replace(instruction, "")
         if not text.strip():
             raise UnreadableError("an empty response")
@@ -127,7 +127,7 @@ class _Reader:
 
     def words(self, text: str) -> Answer:
         """The answer that a `plain` text is."""
-        return read_letters(text, self.options) if self.options else read_word(text)
+        return read_letters(text, self.options) if self.options else read_word(text, self.vocabulary)
 
     def inside(self, text: str) -> Answer:
         """The answer in tags or a box, which may hold a box, JSON or a label itself."""
@@ -153,7 +153,7 @@ class _Reader:
         answer = self.words(first)
         if isinstance(answer, str) and RETRACTION.search(rest):
             raise UnreadableError("a word, and then a text that may take it back")
-        if isinstance(answer, frozenset) and (others := set(OTHER_LETTER.findall(rest)) - answer):
+        if isinstance(answer, frozenset) and (others := set(_other_letter(self.vocabulary).findall(rest)) - answer):
             raise UnreadableError(f"{', '.join(sorted(others))}, after an answer without it")
         return answer
 
@@ -169,6 +169,13 @@ class _Reader:
         if isinstance(value, bool) or not isinstance(value, str | int):
             raise UnreadableError("a JSON value that is neither a text, a whole number nor a list of texts")
         return self.words(plain(str(value)))
+
+
+@cache
+def _other_letter(vocabulary: Vocabulary) -> re.Pattern[str]:
+    """A letter that an explanation names; neither the pronoun "I" nor the article of "A red cube"."""
+    nouns = "|".join((*vocabulary.adjectives, *vocabulary.nouns, "collision"))
+    return re.compile(rf"\b(?:[B-HJ-Z]|A(?! (?:{nouns})\b))\b")
 
 
 def _thought_through(text: str) -> str:

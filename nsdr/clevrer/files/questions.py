@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,17 +15,10 @@ from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import is_json_lines, parse_json, parse_json_lines, read_json_bytes
+from nsdr.io.worlds import world_beside
 from nsdr.validation import convert, expect, one_of
-from nsdr.world.vocabulary import (
-    ATTRIBUTES,
-    COLORS,
-    DIRECTIONS,
-    IMAGE_DIRECTIONS,
-    MATERIALS,
-    SHAPES,
-    SPEED_UNIT,
-    STATIONARY,
-)
+from nsdr.world.layout import MAX_OBJECTS
+from nsdr.world.vocabulary import DIRECTIONS, IMAGE_DIRECTIONS, SPEED_UNIT, STATIONARY, Vocabulary
 
 __all__ = [
     "OPTION_TAGS",
@@ -50,23 +44,37 @@ OPTION_TAGS = ("observational", "inferential")
 PAIR_KINDS = ("changed", "mirrored", "noisy")
 """What the second video of a pair is: the first one without an object, where the answers differ; mirrored; or with other light
 and noise, where they are the same."""
-LARGEST_COUNT = 15
-"""Largest number that is accepted as an answer. CLEVRER's answers end at 5; scenes with more objects have larger ones."""
-ANSWERS = frozenset(
-    ["yes", "no", *map(str, range(LARGEST_COUNT + 1)), *(word for words in ATTRIBUTES.values() for word in words)]
-)
-"""Answers of descriptive questions."""
 VIDEO_KEY = re.compile(r"(?:\w*_)?0*([0-9]{1,9})(\.\w+)?")
 """The name or number of a video as a key: "video_10000.mp4", "sim_10000" or "10000"."""
-_OBJECT = " ".join(f"({'|'.join(words)})" for words in (COLORS, MATERIALS, SHAPES))
-BEYOND_BY_KIND = {
-    "speed": rf"\d+\.\d {SPEED_UNIT}",
-    "direction": "|".join((*DIRECTIONS, *IMAGE_DIRECTIONS, STATIONARY)),
-    "name": _OBJECT,
-}
-"""Patterns of answers of descriptive questions beyond CLEVRER, by what is asked for (a `nsdr.symbolic.Kind`)."""
-BEYOND = re.compile("|".join(BEYOND_BY_KIND.values()))
-"""Answers of descriptive questions beyond CLEVRER: a speed, a direction or an object, such as "1.8 world units per second"."""
+
+
+@cache
+def answer_words(vocabulary: Vocabulary) -> dict[str, frozenset[str]]:
+    """Answers of descriptive questions by what is asked for (a `nsdr.symbolic.Kind`)."""
+    words = {"number": map(str, range(MAX_OBJECTS + 1)), "boolean": ("yes", "no"), **vocabulary.words}
+    return {kind: frozenset(answers) for kind, answers in words.items()}
+
+
+@cache
+def answer_patterns(vocabulary: Vocabulary) -> dict[str, re.Pattern[str]]:
+    """Patterns of answers beyond CLEVRER, such as "1.8 world units per second", by what is asked for."""
+    patterns = {
+        "speed": rf"\d+\.\d {SPEED_UNIT}",
+        "direction": "|".join((*DIRECTIONS, *IMAGE_DIRECTIONS, STATIONARY)),
+        "name": " ".join(f"(?:{'|'.join(words)})" for words in vocabulary.words.values()),
+    }
+    return {kind: re.compile(pattern) for kind, pattern in patterns.items()}
+
+
+def is_answer(text: str, vocabulary: Vocabulary) -> bool:
+    """Whether a text is an answer of some descriptive question."""
+    known = answer_words(vocabulary).values()
+    return any(text in words for words in known) or is_beyond(text, vocabulary)
+
+
+def is_beyond(text: str, vocabulary: Vocabulary) -> bool:
+    """Whether a text is an answer of a descriptive question beyond CLEVRER: a speed, a direction or an object."""
+    return any(pattern.fullmatch(text) for pattern in answer_patterns(vocabulary).values())
 
 
 class Choice(msgspec.Struct, frozen=True, omit_defaults=True, rename={"id": "choice_id", "text": "choice"}):
@@ -131,17 +139,23 @@ class SceneQuestions(msgspec.Struct, frozen=True):
     questions: tuple[Question, ...]
 
 
-def read_questions(path: str | Path) -> list[SceneQuestions]:
+def read_questions(path: str | Path, vocabulary: Vocabulary | None = None) -> list[SceneQuestions]:
     """Read all scenes of a question file.
 
     It is a list of scenes, as in the release; an object with the scenes or their lists of questions by video, such as
     `{"video_10000.mp4": […]}`; or JSON Lines with a scene or a question with its `scene_index` in each line. Questions of such
     lists and lines without scenes are gathered by scene. Answers may be numbers or truth values in place of the words.
 
+    Args:
+        path: the file.
+        vocabulary: of the answers' attribute words; None for those of the data set that the file is of
+            (`nsdr.io.worlds.world_beside`).
+
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
     data, name = read_json_bytes(path), str(path)
+    vocabulary = vocabulary or world_beside(path).vocabulary
     try:
         scenes = msgspec.json.decode(data, type=list[SceneQuestions])  # the release's form
         places = [f"{name}: [{s}]." for s in range(len(scenes))]
@@ -162,7 +176,7 @@ def read_questions(path: str | Path) -> list[SceneQuestions]:
         seen.add(scene.scene_index)
         check_unique([q.id for q in scene.questions], f"{place}questions", ".question_id")
         for i, question in enumerate(scene.questions):
-            _check_question(question, f"{place}questions[{i}]")
+            _check_question(question, f"{place}questions[{i}]", vocabulary)
     return scenes
 
 
@@ -235,11 +249,11 @@ def _spell_out(row: Any, true: str, false: str) -> None:
     answer = row.get("answer") if isinstance(row, dict) else None
     if isinstance(answer, bool):
         row["answer"] = true if answer else false
-    elif isinstance(answer, int) and 0 <= answer <= LARGEST_COUNT:
+    elif isinstance(answer, int) and 0 <= answer <= MAX_OBJECTS:
         row["answer"] = str(answer)
 
 
-def _check_question(q: Question, place: str) -> None:
+def _check_question(q: Question, place: str, vocabulary: Vocabulary) -> None:
     check_lines(place, question=q.text, question_subtype=q.subtype)
     for i, choice in enumerate(q.choices):
         check_lines(f"{place}.choices[{i}]", choice=choice.text)
@@ -250,8 +264,8 @@ def _check_question(q: Question, place: str) -> None:
     expect(fits, f"{place}.choices", f"those of a {q.type} question", f"{len(q.choices)} choices")
     check_unique([c.id for c in q.choices], f"{place}.choices", ".choice_id")
     expect(len({c.answer is None for c in q.choices}) < 2, f"{place}.choices", "answers of all or none", "of some")
-    fits = bool(q.choices) or q.answer is None or q.answer in ANSWERS or BEYOND.fullmatch(q.answer) is not None
-    expect(fits, f"{place}.answer", f"0 to {LARGEST_COUNT}, yes, no or an attribute word", repr(q.answer))
+    fits = bool(q.choices) or q.answer is None or is_answer(q.answer, vocabulary)
+    expect(fits, f"{place}.answer", f"0 to {MAX_OBJECTS}, yes, no or an attribute word", repr(q.answer))
 
 
 def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:

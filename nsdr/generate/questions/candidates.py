@@ -17,7 +17,7 @@ from nsdr.language.texts import clevrer, in_words
 from nsdr.symbolic import Executor
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import NAMES, Vocabulary
 
 EXTENSION_KINDS = ("speed", "direction", "is_faster", "faster", "extreme_speed", "is_heavier", "heavier", "heaviest")
 """Subtypes of the descriptive questions beyond CLEVRER; in capitals their symbols in write_beyond.rules."""
@@ -41,13 +41,13 @@ PLAIN_SAME_ANSWER = 0.25
 """Largest share of a scene's plain questions with the same last program token and the same answer."""
 PLAIN_WITH_TIME = 0.3
 """Share of the plain questions that are about motion at the start or end of the video."""
-_ATTRIBUTE_WORDS = frozenset(word for known in ATTRIBUTES.values() for word in known)
+_ATTRIBUTE_WORD = re.compile(r"\b[a-z]+ (?=filter_(?:color|material|shape)\b)")
 _ATTRIBUTE_TOKENS = re.compile(r"\S+ filter_(color|material|shape) ?")
 
 
 def form(asked: Question | Choice) -> str:
     """The program without its attribute words, but with their filters."""
-    return " ".join(token for token in asked.program or () if token not in _ATTRIBUTE_WORDS)
+    return _ATTRIBUTE_WORD.sub("", " ".join(asked.program or ()))
 
 
 def family(asked: Question | Choice) -> str:
@@ -64,7 +64,8 @@ class SceneWords:
     """Descriptions of a scene's objects and classes; implements `nsdr.language.rules.Phrases`."""
 
     def __init__(self, scene: Scene, rng: random.Random) -> None:
-        self.rng = rng
+        self.rng, self.vocabulary = rng, scene.world.vocabulary
+        known = tuple(self.vocabulary.words.values())
         triples = [(o.color, o.material, o.shape) for o in scene.objects]
         matches: dict[tuple[str, ...], list[int]] = {}
         for i, triple in enumerate(triples):
@@ -75,9 +76,9 @@ class SceneWords:
             [words for words, found in matches.items() if found == [i]] for i in range(len(triples))
         ]
         absent: set[tuple[str, ...]] = set()
-        possible = {words for triple in product(*ATTRIBUTES.values()) for words in _classes(triple)} - matches.keys()
+        possible = {words for triple in product(*known) for words in _classes(triple)} - matches.keys()
         while len(absent) < min(ABSENT_CLASSES, len(possible)):
-            words = rng.choice(_classes([rng.choice(known) for known in ATTRIBUTES.values()]))
+            words = rng.choice(_classes([rng.choice(words) for words in known]))
             if words not in matches:
                 absent.add(words)
         small = {words: len(found) for words, found in matches.items() if len(words) < 3}
@@ -91,11 +92,13 @@ class SceneWords:
         if use == "one":
             i = self.named.pop(0) if self.named else choose.pick(range(len(self.unique)))
             described = self.unique[i]
-            return choose.vary(described, [DESCRIPTION_WEIGHTS[_attributes(words)] for words in described])
+            return choose.vary(
+                described, [DESCRIPTION_WEIGHTS[_attributes(words, self.vocabulary)] for words in described]
+            )
         if use == "enters":
             return ()
         classes = self.counted if use == "counted" else self.shared
-        return choose.pick([words for words in classes if without not in _attributes(words)])
+        return choose.pick([words for words in classes if without not in _attributes(words, self.vocabulary)])
 
 
 def _classes(triple: Sequence[str]) -> list[tuple[str, ...]]:
@@ -104,8 +107,8 @@ def _classes(triple: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 @cache
-def _attributes(words: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(name for word in words for name, known in ATTRIBUTES.items() if word in known)
+def _attributes(words: tuple[str, ...], vocabulary: Vocabulary) -> tuple[str, ...]:
+    return tuple(vocabulary.attributes[word] for word in words)
 
 
 def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False) -> Iterator[Question]:
@@ -121,7 +124,7 @@ def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False
     words, executor = SceneWords(scene, rng), Executor(scene)
     of_clevrer = ["EVENTS", "QUERY"] if scene.moving is None else ["EVENTS", "MOTION", "QUERY"]
     for symbol in map(str.upper, EXTENSION_KINDS) if beyond else of_clevrer:
-        for text, program in clevrer().every(symbol, words, rng):
+        for text, program in clevrer(scene.world.vocabulary).every(symbol, words, rng):
             try:
                 answer = executor.answer(program).text
             except ExecutionError:  # not known, no such object or event, or more than one
@@ -147,10 +150,11 @@ class _Namer:
 
     def __init__(self, scene: Scene, rng: random.Random, simulate: Simulate | None = None) -> None:
         self.words, self.rng, self.executor = SceneWords(scene, rng), rng, Executor(scene, simulate=simulate)
+        self.rules = clevrer(scene.world.vocabulary)
 
     def __call__(self, symbol: str, objects: Sequence[int]) -> Pair:
         self.words.named = list(objects)
-        return next(clevrer().every(symbol, self.words, self.rng))
+        return next(self.rules.every(symbol, self.words, self.rng))
 
     def option(self, question: Sequence[str], symbol: str, objects: Sequence[int]) -> Choice:
         """An option about given objects, correct or wrong for a question's program."""
@@ -230,7 +234,7 @@ def changed_questions(scene: Scene, simulate: Simulate, rng: random.Random, n: i
         n: largest number of questions; each takes two simulations.
     """
     name = _Namer(scene, rng, simulate)
-    drawn = [(text, tuple(tokens)) for text, tokens in clevrer().every("CHANGED", name.words, rng)]
+    drawn = [(text, tuple(tokens)) for text, tokens in name.rules.every("CHANGED", name.words, rng)]
     rng.shuffle(drawn)
     asked: set[tuple[str, ...]] = set()
     for text, program in drawn:
@@ -265,7 +269,7 @@ def plain_questions(scene: Scene, rng: random.Random, count: int) -> list[Questi
             continue
         key = program[-1], str(answer)
         if used[key] < max(1, PLAIN_SAME_ANSWER * count):
-            text = in_words(program)
+            text = in_words(program, scene.world.vocabulary)
             used[key] += text not in found
             found[text] = Question(0, text, "descriptive", PLAIN, program, answer, ())
         if len(found) == count:
@@ -275,13 +279,13 @@ def plain_questions(scene: Scene, rng: random.Random, count: int) -> list[Questi
 
 def _plain_program(scene: Scene, rng: random.Random) -> tuple[str, ...]:
     """A random program: it selects objects by one or two attributes, sometimes also by their motion, and asks about them."""
-    ending = rng.choice(["count", "exist", *[f"query_{name}" for name in ATTRIBUTES]])
-    names = [name for name in ATTRIBUTES if ending != f"query_{name}"]
+    ending = rng.choice(["count", "exist", *[f"query_{name}" for name in NAMES]])
+    names = [name for name in NAMES if ending != f"query_{name}"]
     chosen = rng.choice(scene.objects)
     words = {name: getattr(chosen, name) for name in rng.sample(names, rng.randint(1, 2))}
     if ending in ("count", "exist") and rng.random() < 0.5:
         name = rng.choice(names)
-        words = {name: rng.choice(ATTRIBUTES[name])}
+        words = {name: rng.choice(scene.world.vocabulary.words[name])}
     program = ["objects", *(token for name in sorted(words) for token in (words[name], f"filter_{name}"))]
     if rng.random() < PLAIN_WITH_TIME:
         program += [rng.choice(["start", "end"]), "get_frame", rng.choice(["filter_moving", "filter_stationary"])]

@@ -15,7 +15,7 @@ from typing import Annotated
 from msgspec import Meta
 from msgspec.structs import replace
 
-from nsdr.baselines.q_type import SUBTYPE_ANSWERS
+from nsdr.baselines.q_type import subtype_answers
 from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions
 from nsdr.errors import DataError
 from nsdr.generate.questions.candidates import (
@@ -31,6 +31,7 @@ from nsdr.generate.questions.candidates import (
 from nsdr.symbolic.quantities import Simulate
 from nsdr.types import Scene
 from nsdr.validation import Count, NotNegative, Settings, one_of
+from nsdr.world.world import CLEVRER_WORLD, World
 
 PER_VIDEO = {
     "count": 4.0,
@@ -145,13 +146,31 @@ def generate_questions(
 
     Predictive, counterfactual and motion questions are omitted for scenes that lack the ground truth they need.
     """
-    config = config or QuestionConfig()
-    return select_questions((find_candidates(scene, config) for scene in scenes), config)
+    config, scenes = config or QuestionConfig(), list(scenes)
+    world = world_of([scene for _, _, scene in scenes])
+    return select_questions((find_candidates(scene, config) for scene in scenes), config, world)
 
 
-def select_questions(candidates: Iterable[SceneQuestions], config: QuestionConfig) -> Iterator[SceneQuestions]:
-    """Select from the candidates of each scene, in order, the questions that balance the data set."""
-    selection, beyond = _Selection(config), _ExtensionSelection(config.seed, config.max_options)
+def world_of(scenes: Sequence[Scene]) -> World:
+    """The world of all scenes; CLEVRER's if there are none.
+
+    Raises:
+        DataError: they have different words.
+    """
+    worlds = {scene.world.vocabulary: scene.world for scene in scenes}
+    if len(worlds) > 1:
+        raise DataError(
+            f"scenes of the worlds {', '.join(world.name for world in worlds.values())}, which have different words; expected "
+            "scenes of one world"
+        )
+    return next(iter(worlds.values()), CLEVRER_WORLD)
+
+
+def select_questions(
+    candidates: Iterable[SceneQuestions], config: QuestionConfig, world: World
+) -> Iterator[SceneQuestions]:
+    """Select from the candidates of each scene, in order, the questions that balance the data set of a world."""
+    selection, beyond = _Selection(config, world), _ExtensionSelection(config.seed, config.max_options)
     for scene in candidates:
         plain = [q for q in scene.questions if q.subtype == PLAIN]
         found = [*selection.questions(scene.questions), *beyond.questions(scene.questions), *plain]
@@ -161,8 +180,9 @@ def select_questions(candidates: Iterable[SceneQuestions], config: QuestionConfi
 class _Selection:
     """Counts CLEVRER's questions that were selected so far, and chooses the next ones."""
 
-    def __init__(self, config: QuestionConfig) -> None:
+    def __init__(self, config: QuestionConfig, world: World) -> None:
         self.config, self.rng = config, random.Random(f"{config.seed} selection")
+        self.possible = {subtype: len(answers) for subtype, answers in subtype_answers(world).items()}
         self.owed = dict.fromkeys(config.per_video, 0.0)
         self.answers: Counter[tuple[str, str]] = Counter()
         self.forms: Counter[str] = Counter()
@@ -207,12 +227,15 @@ class _Selection:
 
     def _scarcest(self, kind: str, answers: Sequence[str]) -> str:
         """The answer that was selected least often, relative to its target share."""
-        return min(answers, key=lambda a: (self.answers[kind, a] + self.rng.random()) / _target_share(kind, a))
+        return min(answers, key=lambda a: (self.answers[kind, a] + self.rng.random()) / self._target_share(kind, a))
 
     def _excess(self, q: Question) -> float:
         """By how many questions of this form the answer would exceed its target share."""
-        share = _target_share(str(q.subtype), str(q.answer))
+        share = self._target_share(str(q.subtype), str(q.answer))
         return self.forms_with[form(q), str(q.answer)] + 1 - share * (self.forms[form(q)] + 1)
+
+    def _target_share(self, subtype: str, answer: str) -> float:
+        return COUNT_SHARES.get(answer, OTHER_COUNT_SHARE) if subtype == "count" else 1 / self.possible[subtype]
 
     def _multiple_choice(self, kind: str, remaining: list[Question]) -> list[Question]:
         self.rng.shuffle(remaining)
@@ -313,7 +336,3 @@ def _by_answer(question: Question) -> tuple[list[Choice], list[Choice]]:
 
 def _with_choices(question: Question, options: Sequence[Choice]) -> Question:
     return replace(question, choices=tuple(replace(o, id=i) for i, o in enumerate(options)))
-
-
-def _target_share(subtype: str, answer: str) -> float:
-    return COUNT_SHARES.get(answer, OTHER_COUNT_SHARE) if subtype == "count" else 1 / len(SUBTYPE_ANSWERS[subtype])

@@ -1,0 +1,186 @@
+"""Questions, answers and programs in the words of another world, from the generator to the executor."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from nsdr import CLEVRER, Executor, Scene
+from nsdr.baselines.q_type import q_type_answers, subtype_answers
+from nsdr.clevrer import prompt, read_questions, read_response, scene_from_annotation, scene_from_truth, solution
+from nsdr.clevrer.answers.answer_forms import read_candidate
+from nsdr.clevrer.files.annotations import read_truth_file
+from nsdr.clevrer.files.questions import PLAIN, Question
+from nsdr.cli.main import main
+from nsdr.errors import DataError
+from nsdr.evaluation.responses import score_responses
+from nsdr.generate.dataset import DatasetConfig, generate_dataset
+from nsdr.generate.questions.selection import QuestionConfig, world_of
+from nsdr.question_parser.grammar import GrammarParser
+from nsdr.world.world import CLEVRER_WORLD
+
+from .test_other_worlds import DISCS
+from .test_vocabularies import ALIEN
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    questions = QuestionConfig(extensions=True, changed_per_video=1, plain_per_video=4)
+    folder, splits = tmp_path_factory.mktemp("words") / "discs", {"train": 0.75, "test": 0.25}
+    return generate_dataset(
+        DatasetConfig(
+            str(folder), 8, 3, splits=splits, renderer="none", masks=False, questions=questions, world=DISCS, workers=1
+        )
+    )
+
+
+def asked(root: Path) -> Iterator[tuple[Scene, Question]]:
+    """The questions of the training split, with the true scenes."""
+    for listed in CLEVRER(root).split("train").questions():
+        scene = scene_from_truth(read_truth_file(root / f"truth/train/truth_{listed.scene_index:05d}.json"))
+        yield from ((scene, question) for question in listed.questions)
+
+
+def test_a_data_set_and_its_question_files_know_their_world(root: Path) -> None:
+    data = CLEVRER(root)
+    assert data.world == data.split("train").world == DISCS
+    assert data.split("train").n_frames == 60
+    assert read_questions(root / "questions/train.json") == data.split("train").questions()
+    assert CLEVRER_WORLD.vocabulary.attributes.keys().isdisjoint(
+        word for _, q in asked(root) for word in (*(q.program or ()), *q.text.split(), str(q.answer))
+    )
+    with pytest.raises(
+        DataError, match=r"answer: expected 0 to 32, yes, no or an attribute word, got '(orange|white|teal)'"
+    ):
+        read_questions(root / "questions/train.json", CLEVRER_WORLD.vocabulary)
+
+
+def test_all_questions_are_read_as_their_programs(root: Path) -> None:
+    parser = GrammarParser(extensions=True, vocabulary=DISCS.vocabulary)
+    for _, q in asked(root):
+        kind = "multiple_choice" if q.choices else "descriptive"
+        assert parser.parse(q.text, kind).tokens == q.program
+        for choice in q.choices:
+            assert parser.parse(choice.text, "choice").tokens == choice.program
+
+
+def test_true_scenes_give_all_answers(root: Path) -> None:
+    kinds = set()
+    for scene, q in asked(root):
+        if "get_changed" in (q.program or ()):  # simulated for the question file
+            continue
+        kinds.add(q.subtype or q.type)
+        if q.choices:
+            answer = Executor(scene).answer_choices(q.program or (), [(c.text, c.program or ()) for c in q.choices])
+            assert [c.answer for c in answer.choices] == [c.answer for c in q.choices]
+        else:
+            assert Executor(scene).answer(q.program or ()).text == q.answer
+    assert kinds >= {"count", "exist", "query_color", "query_shape", "explanatory", "counterfactual", "speed", PLAIN}
+
+
+def test_annotations_answer_what_is_asked_about_the_video(root: Path) -> None:
+    split, parser = CLEVRER(root).split("train"), GrammarParser(vocabulary=DISCS.vocabulary)
+    n = 0
+    for listed in split.questions():
+        scene = scene_from_annotation(split.annotation(listed.scene_index))
+        for q in listed.questions:
+            if q.subtype in ("count", "exist", "query_color", "query_material", "query_shape"):
+                assert Executor(scene).answer(parser.parse(q.text)).text == q.answer
+                n += 1
+    assert n > 30
+
+
+def test_counts_and_words_of_answers_are_the_worlds() -> None:
+    assert subtype_answers(CLEVRER_WORLD)["count"] == tuple("012345")
+    assert subtype_answers(DISCS) == {
+        "count": tuple("0123"),
+        "exist": ("yes", "no"),
+        "query_color": ("orange", "white", "teal"),
+        "query_material": ("wood", "steel"),
+        "query_shape": ("disc", "coin", "brick"),
+    }
+
+
+def test_statistics_and_baselines_by_type_are_of_the_world(root: Path) -> None:
+    text = (root / "questions/train.statistics.md").read_text()
+    assert "| disc |" in text or "disc" in text
+    listed = CLEVRER(root).split("train").questions()
+    drawn = {
+        a.text for _, given in q_type_answers(_clevrer_kinds(listed), "random", world=DISCS) for a in given.values()
+    }
+    assert drawn & {"disc", "coin", "brick", "orange", "white", "teal"}
+    assert not drawn & CLEVRER_WORLD.vocabulary.attributes.keys()
+
+
+def _clevrer_kinds(listed):
+    from msgspec.structs import replace
+
+    return [
+        replace(s, questions=tuple(q for q in s.questions if q.choices or q.subtype in subtype_answers(DISCS)))
+        for s in listed
+    ]
+
+
+def test_questions_of_two_worlds_are_not_mixed(root: Path, tmp_path: Path, capsys, example_scene) -> None:
+    (scene, _), *_ = asked(root)
+    with pytest.raises(DataError, match="worlds discs, clevrer, which have different words"):
+        world_of([scene, example_scene])
+    assert main(["generate", "questions", "--scenes", str(root / "truth"), "--output", str(tmp_path / "q.json")]) == 0
+    with pytest.raises(DataError, match="expected 0 to 32, yes, no or an attribute word"):
+        read_questions(tmp_path / "q.json")
+    assert read_questions(tmp_path / "q.json", DISCS.vocabulary)
+
+
+def test_responses_are_read_and_scored_in_the_worlds_words(root: Path) -> None:
+    listed, words = CLEVRER(root).split("train").questions(), DISCS.vocabulary
+    right = {(s.scene_index, q.id): solution(q) for s in listed for q in s.questions}
+    report = score_responses(listed, right, vocabulary=words)
+    assert report["descriptive"]["accuracy"] == 1
+    assert not report.responses["unread"]
+
+
+def test_prompts_have_examples_in_the_words_and_are_passed_over_in_responses() -> None:
+    words, said = ALIEN, Question(0, "What color is it?", "descriptive", "query_color", None, "teal")
+    text = prompt(said, words)
+    assert text.endswith("such as <answer>amber</answer>.")
+    assert "<answer>amber ceramic loaf</answer>" in prompt(Question(0, "?", "descriptive", "faster"), words)
+    assert read_response(text, vocabulary=words).answer is None
+    assert "red" not in text
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [
+        ("Answer: aqua.", "teal"),
+        ("They are loaves", "loaf"),
+        ("a pearl", "bead"),
+        ("It is porcelain", "ceramic"),
+        ("It is the amber ceramic loaf.", "amber ceramic loaf"),
+        ("red", None),
+        ("amber or ivory", None),
+        ("20", "20"),
+    ],
+)
+def test_responses_in_another_vocabulary(text: str, answer: str | None) -> None:
+    assert read_response(text, vocabulary=ALIEN).answer == answer
+
+
+def test_letters_beside_the_words_of_a_vocabulary() -> None:
+    options = ("it enters", "it exits")
+    assert read_response("A\nA loaf is there.", options, ALIEN).answer == {"A"}
+    assert read_response("B\nA cube is there.", options, ALIEN).answer is None
+    assert read_response("B\nA loaf is there.", options, ALIEN).answer == {"B"}
+
+
+def test_candidates_are_read_in_the_scenes_words(root: Path) -> None:
+    assert read_candidate("The bun is stationary.", "direction", "left", ALIEN) == "stationary"
+    scene, _ = next(asked(root))
+    shown = scene.objects[0]
+    program = ["objects", *(t for n in ("color", "shape") for t in (getattr(shown, n), f"filter_{n}"))]
+    answer = Executor(scene).answer([*program, "unique", "query_material"], candidates=["wood", "steel", "metal"])
+    assert [c.answer for c in answer.choices] == [
+        "correct" if shown.material == "wood" else "wrong",
+        "correct" if shown.material == "steel" else "wrong",
+        None,
+    ]
+    assert "expected one material: wood, steel" in answer.choices[2].error
