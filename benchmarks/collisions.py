@@ -115,7 +115,7 @@ def _error_line(
     if candidate is None:
         return line
     without, given = search.fitted(chosen - {candidate}), search.fitted(chosen | {candidate})
-    return f"{line} {given.cost:.3f} {without.cost:.3f} {CollisionEvidence.of(pair, p, given).gap:.3f}"
+    return f"{line} {given.cost:.3f} {without.cost:.3f} {CollisionEvidence.of(pair, p, given, 1.0).gap:.3f}"
 
 
 def print_weights(videos: Sequence[Video], config: Any) -> None:

@@ -46,6 +46,7 @@ from nsdr.tracking.visibility import in_image
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD, SAME_EVENT_FRAMES, VIDEO_FRAMES, horizon_frame
 from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+from nsdr.world.world import CLEVRER_WORLD
 
 LAST_START = 80
 """Interventions are at frame 0 to this one."""
@@ -216,7 +217,7 @@ def from_known_states(
     objects: Sequence[SceneObject], states: np.ndarray, changes: list[Any], frame: int
 ) -> list[Event]:
     """What the backend's simulator finds from the true states, in most of `RUNS` runs that are nudged a little."""
-    changed = change_bodies(planar_bodies([o.shape for o in objects], states), objects, changes)
+    changed = change_bodies(planar_bodies([o.shape for o in objects], states), objects, changes, CLEVRER_WORLD)
     n, rng = len(changed.exists), np.random.default_rng(0)
     nudges = np.zeros((RUNS - 1, n, 1, 6))
     nudges[..., 0, :2] = NUDGE_WORLD * rng.normal(size=(RUNS - 1, n, 2))

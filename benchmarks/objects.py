@@ -141,7 +141,8 @@ def print_shifts(videos: Iterator[Video]) -> None:
             seen, shape = np.flatnonzero(states.detected[i]), states.objects[i].shape
             end, around = int(seen[0 if event.kind == "in" else -1]), np.array([event.frame - 1, event.frame])
             location = smoothed.location_world[i]
-            middle = border_depths(shape, location, around, states.detected[i], end, states.box_xyxy_px[i]).mean(0)
+            solid, seen_in = states.world.vocabulary.shape(shape), states.detected[i]
+            middle = border_depths(solid, location, around, seen_in, end, states.box_xyxy_px[i], states.camera).mean(0)
             if np.isfinite(middle).all():
                 border = int(np.abs(middle).argmin())
                 needed[BORDERS[border], shape].append(-float(middle[border]))

@@ -58,8 +58,9 @@ from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.symbolic import Executor
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, MOVING_SPEED_WORLD_PER_S, STEPS_PER_FRAME
+from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.world import CLEVRER_WORLD
 
 ERRORS_WORLD = (0.001, 0.003, 0.01)
 """Standard deviations of the errors of positions (world units; objects are 0.4 wide)."""
@@ -123,7 +124,7 @@ def with_video(course: Course, found: Collisions) -> Collisions:
     def is_changed(row: list[int]) -> bool:
         return min(since[row[0]], since[row[1]]) < row[2] or course.removed in row[:2]
 
-    pause = CONTACT_PAUSE_STEPS // STEPS_PER_FRAME
+    pause = CLEVRER_WORLD.physics.contact_pause_frames
     rows = [row for row in course.collisions if not is_changed(row)]
     before = {(i, j): frame for i, j, frame in rows}
     rows += [row for row in found if is_changed(row) and row[2] > before.get((row[0], row[1]), -math.inf) + pause]

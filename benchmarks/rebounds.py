@@ -1,6 +1,6 @@
 """How strongly two objects rebound: Bullet's rule for one contact, and what Bullet does in space.
 
-`python -m benchmarks.rebounds [--hits 250] [--seed 1]`
+`python -m benchmarks.rebounds [--world FILE] [--hits 250] [--seed 1]`
 
 Two objects collide in Bullet, at random speeds, offsets, yaws and masses, and again in our planar simulator with every rebound
 of a grid; the one that comes closest to Bullet's velocities is the rebound that Bullet had. For each pair of shapes the script
@@ -16,24 +16,19 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from benchmarks.shared import parser_of, table
+from nsdr.dynamics.physics.bodies import body_records
 from nsdr.dynamics.physics.body_state import VELOCITY
-from nsdr.dynamics.physics.contact_geometry import SPHERE
 from nsdr.dynamics.physics.forces import approach, drift, slow_down, speed_after
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.generate.physics.bullet import Body, Simulator
-from nsdr.world.physics_constants import (
-    CONTACT_THRESHOLD_WORLD,
-    OBJECT_RADIUS_WORLD,
-    STEP_SECONDS,
-    STEPS_PER_FRAME,
-)
-from nsdr.world.vocabulary import SHAPES
+from nsdr.io.worlds import read_world
+from nsdr.types import SceneObject
+from nsdr.world.vocabulary import Shape
+from nsdr.world.world import CLEVRER_WORLD, World
 
 FRAMES = 36
 LATER_FRAMES = 4
 """Velocities are compared so many frames after the contact."""
-ALONE = np.array([SPHERE, SPHERE])
-"""Shapes whose contacts follow the rule."""
 REBOUNDS = np.arange(-0.1, 0.72, 0.03)
 FASTEST_WORLD_PER_S, SLOWEST_WORLD_PER_S = 2.9, 0.3
 MIN_APPROACH_WORLD_PER_S = 0.3
@@ -43,41 +38,47 @@ CLOSE_WORLD_PER_S = 0.1
 """Hits that no rebound explains better than this are left out of the line: they touched a step earlier or later."""
 
 
-def hit(shapes: tuple[str, str], rng: random.Random) -> tuple[BodyStates, list[Body]]:
-    """Two objects on collision course, for the planar simulator and for Bullet."""
+def hit(shapes: tuple[Shape, Shape], world: World, rng: random.Random) -> tuple[BodyStates, list[Body]]:
+    """Two objects of the first material on collision course, for the planar simulator and for Bullet."""
     heading, offset, distance = rng.uniform(0, 2 * np.pi), rng.uniform(-0.3, 0.3), rng.uniform(0.55, 0.75)
+    size, fastest = sum(shape.half_width_world for shape in shapes) / 0.4, world.scales.speed
+    offset, distance = size * offset, size * distance
     along = np.array([np.cos(heading), np.sin(heading)])
     across = np.array([-along[1], along[0]])
     position = np.array([across * offset - along * distance, [0.0, 0.0]])
     second = across * rng.uniform(-1, 1) if rng.random() < 0.4 else np.zeros(2)
-    velocity = np.array([along * rng.uniform(SLOWEST_WORLD_PER_S, FASTEST_WORLD_PER_S), second])
+    velocity = fastest * np.array([along * rng.uniform(SLOWEST_WORLD_PER_S, FASTEST_WORLD_PER_S), second])
     yaw = np.array([rng.uniform(0, np.pi / 2) for _ in shapes])
-    mass = np.array([rng.uniform(0.7, 1.3) for _ in shapes])
-    kinds = np.array([SHAPES.index(s) for s in shapes])
+    mass = np.array([rng.uniform(*world.physics.mass_range) for _ in shapes])
+    words = world.vocabulary
+    objects = [SceneObject(i, words.colors[0].word, words.materials[0].word, s.word) for i, s in enumerate(shapes)]
     bodies = [
         Body(
-            shape,
-            (*position[i], OBJECT_RADIUS_WORLD),
-            (np.pi / 2 if shape == "cylinder" else 0.0, 0.0, yaw[i]),
+            shape.word,
+            (*position[i], shape.height_world),
+            (np.pi / 2 if shape.solid == "cylinder" else 0.0, 0.0, yaw[i]),
             (*velocity[i], 0.0),
             mass=mass[i],
         )
         for i, shape in enumerate(shapes)
     ]
-    return BodyStates(kinds, np.column_stack([position, velocity, yaw, np.zeros(2)]), mass), bodies
+    return BodyStates(
+        body_records(objects, world), np.column_stack([position, velocity, yaw, np.zeros(2)]), mass
+    ), bodies
 
 
 def rule(start: BodyStates) -> float | None:
     """The separation speed that Bullet's rule for one contact wants at the first one, as a share of the approach speed."""
-    state = start.state.copy()
-    for _ in range(FRAMES * STEPS_PER_FRAME):
+    state, body = start.state.copy(), start.body.copy()
+    body["is_sphere"] = True  # contacts of spheres follow the rule
+    for _ in range(FRAMES * body["steps_per_frame"][0]):
         for i in (0, 1):
-            slow_down(start.shape[i], state, i)
-        gap, apart, *_ = approach(start.shape, state, 0, 1)
-        if gap <= CONTACT_THRESHOLD_WORLD and apart < -MIN_APPROACH_WORLD_PER_S:
-            return float(speed_after(ALONE, 0, 1, gap, apart) / -apart)
+            slow_down(start.body[i], state, i)
+        gap, apart, *_ = approach(start.body, state, 0, 1)
+        if gap <= body["threshold"].min() and apart < -MIN_APPROACH_WORLD_PER_S:
+            return float(speed_after(body[0], body[1], gap, apart) / -apart)
         for i in (0, 1):
-            drift(state, i, STEP_SECONDS)
+            drift(state, i, body["step_seconds"][0])
     return None
 
 
@@ -87,11 +88,11 @@ def error(start: BodyStates, rebound: float, velocity: np.ndarray, frame: int) -
     return float(np.linalg.norm(run.states[:, frame, VELOCITY] - velocity, axis=1).max())
 
 
-def measure(shapes: tuple[str, str], hits: int, rng: random.Random, bullet: Simulator) -> np.ndarray:
+def measure(shapes: tuple[Shape, Shape], world: World, hits: int, rng: random.Random, bullet: Simulator) -> np.ndarray:
     """(hits, 4): the rule's share, Bullet's rebound, and the largest error of a velocity with that rebound and as simulated."""
     rows: list[tuple[float, ...]] = []
     while len(rows) < hits:
-        start, bodies = hit(shapes, rng)
+        start, bodies = hit(shapes, world, rng)
         share = rule(start)
         if share is None or share < LOWEST_SHARE:
             continue
@@ -106,14 +107,17 @@ def measure(shapes: tuple[str, str], hits: int, rng: random.Random, bullet: Simu
 
 def main() -> None:
     parser = parser_of(__doc__)
+    parser.add_argument("--world", help="YAML; CLEVRER's if left out")
     parser.add_argument("--hits", type=int, default=250)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    rng, found = random.Random(options.seed), {}
-    with Simulator() as bullet:
-        for shapes in combinations_with_replacement(SHAPES, 2):
-            found[" and ".join(shapes)] = measure(shapes, options.hits, rng, bullet)
-    found["all with walls"] = np.concatenate([rows for shapes, rows in found.items() if "sphere" not in shapes])
+    world = read_world(options.world) if options.world else CLEVRER_WORLD
+    rng, found, walls = random.Random(options.seed), {}, []
+    with Simulator(world=world) as bullet:
+        for shapes in combinations_with_replacement(world.vocabulary.shapes, 2):
+            rows = found[" and ".join(s.word for s in shapes)] = measure(shapes, world, options.hits, rng, bullet)
+            walls += [] if any(s.solid == "sphere" for s in shapes) else [rows]
+    found["all with walls"] = np.concatenate(walls)
     columns = (
         "shapes",
         "line through Bullet's rebounds",

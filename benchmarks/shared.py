@@ -13,18 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from nsdr import Event, Scene, VideoTracks, track
+from nsdr import Event, Scene, SceneObject, VideoTracks, track
 from nsdr.clevrer.files.annotations import read_truth
 from nsdr.clevrer.files.compact_proposals import read_compact_proposals
 from nsdr.clevrer.files.scenes import scene_from_ground_truth
 from nsdr.dynamics.motion_states import MotionStates, states_from_tracks
+from nsdr.dynamics.physics.bodies import body_records
 from nsdr.dynamics.physics.simulator import BodyStates
 from nsdr.dynamics.registry import load_backend
 from nsdr.evaluation.measures import accuracy_interval, wilson_interval
 from nsdr.generate.physics.bullet import Simulator
 from nsdr.generate.physics.disturbed import bodies_of
 from nsdr.io.fingerprint import code_revision
-from nsdr.world.vocabulary import SHAPES
+from nsdr.world.world import CLEVRER_WORLD
 
 Names = tuple[str, ...]
 """Names of the objects of an event, in alphabetical order: they are the same in a perceived scene and in the true one."""
@@ -173,5 +174,6 @@ def bullet_collisions(
 def planar_bodies(shapes: Sequence[str], states: np.ndarray) -> BodyStates:
     """The rows of `states_at` for the simulator of the physics backend; yaws are those of cubes alone."""
     planar = states[:, [0, 1, 6, 7, 5, 11]].copy()
+    objects = [SceneObject(i, "red", "metal", shape) for i, shape in enumerate(shapes)]
     planar[[shape != "cube" for shape in shapes], 4:] = 0.0
-    return BodyStates(np.array([SHAPES.index(shape) for shape in shapes]), planar, states[:, 12].copy())
+    return BodyStates(body_records(objects, CLEVRER_WORLD), planar, states[:, 12].copy())

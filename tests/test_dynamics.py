@@ -13,7 +13,7 @@ from nsdr.dynamics.motion_states import MotionStates, extrapolate, states_from_t
 from nsdr.dynamics.propnet.data import read_motion_dataset
 from nsdr.dynamics.propnet.layers import PropagationNetwork, mlp
 from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
-from nsdr.dynamics.sliding import slide
+from nsdr.dynamics.sliding import law_of, slide
 from nsdr.dynamics.stretch import fit_stretch
 from nsdr.dynamics.track_smoothing import frames_in_image, smooth_tracks
 from nsdr.tracking.localization import outline
@@ -23,8 +23,12 @@ from nsdr.types import DynamicsPrediction, SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
 from nsdr.world.physics_constants import FRAME_SECONDS, horizon_frame
 from nsdr.world.shapes import extent, surface_points
+from nsdr.world.vocabulary import CLEVRER, SHAPES
+from nsdr.world.world import CLEVRER_WORLD
 
 from .test_frame_parser import BLUE, GREEN, RED, as_proposals, moving
+
+LAWS = {shape: law_of(SceneObject(0, "red", "metal", shape), CLEVRER_WORLD) for shape in SHAPES}
 
 SMALL = PropNetConfig(hidden=16)
 
@@ -234,16 +238,16 @@ def test_free_sliding_follows_the_law_of_deceleration(shape: str) -> None:
         deceleration = friction + 0.04 * expected_speed + 0.04 * expected_speed**2
         expected_speed = max(expected_speed - deceleration * 2e-4, 0.0)
         expected_distance += expected_speed * 2e-4
-    distance, final_speed = slide(shape, np.array(1.2), np.array(1.4))
+    distance, final_speed = slide(LAWS[shape], np.array(1.2), np.array(1.4))
     assert float(distance) == pytest.approx(expected_distance, abs=2e-3)
     assert float(final_speed) == pytest.approx(expected_speed, abs=2e-3)
-    distance_back, initial_speed = slide(shape, final_speed, np.array(-1.4))
+    distance_back, initial_speed = slide(LAWS[shape], final_speed, np.array(-1.4))
     assert float(initial_speed) == pytest.approx(1.2, abs=5e-3)
     assert float(distance_back) == pytest.approx(-expected_distance, abs=5e-3)
 
 
 def test_objects_with_friction_stop_and_stay() -> None:
-    distance, speed = slide("cube", np.array(0.2), np.array([0.5, 2.0, 9.0]))
+    distance, speed = slide(LAWS["cube"], np.array(0.2), np.array([0.5, 2.0, 9.0]))
     assert speed.tolist()[1:] == [0.0, 0.0]
     assert distance[1] == distance[2]
 
@@ -251,10 +255,10 @@ def test_objects_with_friction_stop_and_stay() -> None:
 def test_free_sliding_is_fitted_through_noise_and_outliers() -> None:
     rng = np.random.default_rng(0)
     frames = np.arange(40)
-    distance, _ = slide("cylinder", np.array(2.0), frames * FRAME_SECONDS)
+    distance, _ = slide(LAWS["cylinder"], np.array(2.0), frames * FRAME_SECONDS)
     positions = np.array([-1.0, 0.5]) + distance[:, None] * np.array([0.6, 0.8]) + rng.normal(size=(40, 2)) * 0.006
     positions[10:14] += 0.3
-    stretch = fit_stretch("cylinder", frames, positions, np.ones(40))
+    stretch = fit_stretch(LAWS["cylinder"], frames, positions, np.ones(40))
     np.testing.assert_allclose(stretch.motion, [-1.0, 0.5, 1.2, 1.6], atol=0.03)
     assert stretch.median_residual < 0.02
     np.testing.assert_allclose(stretch.position_at(np.array([39.0])), positions[39:], atol=0.03)
@@ -272,7 +276,7 @@ def states_of(shape: str, positions: np.ndarray, seen: np.ndarray) -> MotionStat
 
 def test_a_resting_object_has_no_speed_until_it_is_hit() -> None:
     rng = np.random.default_rng(1)
-    distance, _ = slide("cube", np.array(0.5), np.maximum(np.arange(128) - 50, 0) * FRAME_SECONDS)
+    distance, _ = slide(LAWS["cube"], np.array(0.5), np.maximum(np.arange(128) - 50, 0) * FRAME_SECONDS)
     positions = np.stack([distance, 0 * distance], 1) + rng.normal(size=(128, 2)) * 0.005
     motion = smooth_tracks(states_of("cube", positions, np.ones(128, bool)), [Event("collision", 50, (0, 1))])
     moving = np.linalg.norm(motion.velocity_world_per_s[0], axis=1) > 0.02
@@ -299,7 +303,7 @@ def boxed_states(shape: str, positions: np.ndarray, seen: np.ndarray, box_xyxy_p
     [("sphere", 0.0, 0.0), ("cylinder", 0.0, 1.0), *(("cube", yaw, 0.6) for yaw in (0.0, 0.5, 0.8, 1.2))],
 )
 def test_objects_enter_and_exit_with_the_first_and_last_bit_of_their_outline(shape: str, yaw: float, x: float) -> None:
-    distance, _ = slide(shape, np.array(2.8), np.arange(128) * FRAME_SECONDS)
+    distance, _ = slide(LAWS[shape], np.array(2.8), np.arange(128) * FRAME_SECONDS)
     positions = np.stack([x + 0 * distance, -3.2 + distance], 1)  # from the left to the right
     shown = in_image(shape, on_ground(positions), np.full(128, yaw))
     first, last = np.flatnonzero(shown)[[0, -1]]
@@ -326,15 +330,15 @@ def test_an_object_whose_box_shrinks_at_the_border_leaves_although_the_fit_rests
     detected = np.arange(60) < 40
     box = np.tile([0.0, 130.0, 20.0, 170.0], (60, 1))
     box[30:40, 2] = np.arange(12, 2, -1)
-    visible = frames_in_image("sphere", location, detected, box)
+    visible = frames_in_image(CLEVRER.shape("sphere"), location, detected, box, CLEVRER_CAMERA)
     assert visible[:42].all()
     assert not visible[48:].any()
     box[30:40, 2] = 3.0
-    assert frames_in_image("sphere", location, detected, box).all()
+    assert frames_in_image(CLEVRER.shape("sphere"), location, detected, box, CLEVRER_CAMERA).all()
 
 
 def test_masks_that_are_cut_at_the_top_do_not_delay_an_entrance() -> None:
-    distance, _ = slide("sphere", np.array(2.8), np.arange(128) * FRAME_SECONDS)
+    distance, _ = slide(LAWS["sphere"], np.array(2.8), np.arange(128) * FRAME_SECONDS)
     positions = np.stack([distance - 8, 0 * distance], 1)
     shown = in_image("sphere", on_ground(positions), np.zeros(128))
     first = int(shown.argmax())

@@ -38,10 +38,12 @@ from nsdr.symbolic import format_trace
 from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.types import ObjectPhysics, UncertainEvent
 from nsdr.world.camera import Camera
-from nsdr.world.physics_constants import LOG_MASS_STD
 from nsdr.world.vocabulary import CLEVRER
+from nsdr.world.world import CLEVRER_WORLD
 
 from .test_physics_fit import PAIRS, measured
+
+LOG_MASS_STD = CLEVRER_WORLD.physics.log_mass_std
 
 RED, BLUE, GREEN = (
     f"objects {words} unique"
@@ -374,7 +376,7 @@ def test_the_fit_knows_how_well_it_knows_masses() -> None:
     met, unmet = fit_trajectories(states, [collision]), fit_trajectories(states, [])
     np.testing.assert_allclose(unmet.log_mass_covariance, LOG_MASS_STD**2 * np.eye(2))
     problem = _Problem(states, [collision]).problem
-    failed = log_mass_covariance(problem, np.eye(1), 1.01)
+    failed = log_mass_covariance(problem, np.eye(1), 1.01, LOG_MASS_STD)
     np.testing.assert_allclose(failed, LOG_MASS_STD**2 * np.eye(2))
     c = met.log_mass_covariance
     assert c[0, 0] + c[1, 1] - 2 * c[0, 1] < (0.4 * LOG_MASS_STD) ** 2  # the ratio is known

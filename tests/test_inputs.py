@@ -38,6 +38,8 @@ from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.vocabulary import attribute_index
 
+from .test_dynamics import LAWS
+
 N = 12
 VideoCapture = cv2.VideoCapture
 
@@ -397,7 +399,7 @@ def test_repeated_frames_of_another_size_are_processed_once(tmp_path, looked_at)
 
 def sliding(n_frames: int, processed: np.ndarray, late: np.ndarray) -> VideoProposals:
     """A sphere that slides lawfully, as seen `late` frames after the processed ones."""
-    place = -2.0 + slide("sphere", np.array(2.0), (processed + late) * FRAME_SECONDS)[0]
+    place = -2.0 + slide(LAWS["sphere"], np.array(2.0), (processed + late) * FRAME_SECONDS)[0]
     boxes, centres = [], []
     for y in place:
         polygon = outline("sphere", 0.0, float(y), camera=CLEVRER_CAMERA)

@@ -189,9 +189,11 @@ def test_given_velocities_are_exact() -> None:
         (SetVelocity(0, speed=1), False),
     ):
         changes = resolve([change], OBJECTS, np.ones((3, 5), bool), 0, CLEVRER_WORLD.vocabulary)
-        assert change_bodies(start, OBJECTS, changes).exact[:, VELOCITY].all(1).tolist() == [exact, False, False], (
-            change
-        )
+        assert change_bodies(start, OBJECTS, changes, CLEVRER_WORLD).exact[:, VELOCITY].all(1).tolist() == [
+            exact,
+            False,
+            False,
+        ], change
 
 
 def test_moved_objects_meet_others(simulated) -> None:

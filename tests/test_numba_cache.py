@@ -19,8 +19,8 @@ FUNCTIONS = {
 }
 CALL = "from outer import outer; print(outer(1.0), sum(outer.stats.cache_hits.values()), outer.stats.cache_path)"
 NAMES = """
-from nsdr.world import physics_constants
-physics_constants.{name} = {value}
+from nsdr.dynamics.physics import bullet_rules
+bullet_rules.{name} = {value}
 from numba.core.dispatcher import Dispatcher
 from nsdr.dynamics import sliding
 from nsdr.dynamics.physics import contact_geometry, forces, simulator
@@ -92,11 +92,14 @@ def test_the_simulators_caches_depend_on_the_constants(tmp_path: Path) -> None:
         text = python(NAMES.format(name=name, value=value), tmp_path, NUMBA_CACHE_DIR=str(tmp_path))
         return dict(line.split() for line in text.splitlines())
 
-    before, after = files("GRAVITY", "9.81"), files("HULL_MARGIN_WORLD", "0.002")
+    before, after = files("MIN_REBOUND_SPEED", "0.3"), files("HULL_MARGIN_WORLD", "0.002")
     assert {"_run", "_collide", "slow_down", "slide_one", "outline_gap"} < set(before)
     unchanged = {name for name in before if after[name] == before[name]}
     sliding = {"slide_one", "slide_on_ground", "_slide_all", "_line", "fit_sliding"}
-    assert unchanged == sliding | {"_cube_gap", "_changed", "_follow_prescribed", "drift", "speed_after"}
+    assert unchanged == sliding | {
+        *("_box_gap", "_brake", "_changed", "_follow_prescribed", "_steps_apart"),
+        *("drift", "pair_restitution", "push", "slow_down"),
+    }
 
 
 def _reads_what_comes_later(x):  # type: ignore[no-untyped-def]

@@ -25,6 +25,7 @@ from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.world import CLEVRER_WORLD, World
 
+from .test_dynamics import LAWS
 from .test_frame_parser import BLUE, RED, as_proposals, moving
 
 OTHER = Camera(eye_world=(3.6, 1.6, 3.2), target_world=(0.2, -0.3, 0.1), lens_mm=28.0)
@@ -192,7 +193,7 @@ def test_all_that_follows_from_tracks_uses_their_camera(tmp_path) -> None:
                 }
             ]
         }
-        for distance in slide("cube", np.array(1.2), np.arange(40) * FRAME_SECONDS)[0]
+        for distance in slide(LAWS["cube"], np.array(1.2), np.arange(40) * FRAME_SECONDS)[0]
     ]
     cube = {"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}
     seen = tracks_from_annotation({"object_property": [cube], "motion_trajectory": frames}, World(camera=OTHER))

@@ -11,6 +11,7 @@ from nsdr import CheckpointError, DataError, Event, PropNetPredictor, Remove
 from nsdr.dynamics import states_from_tracks
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
+from nsdr.dynamics.physics.bodies import body_records
 from nsdr.dynamics.physics.body_state import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.collision_search import CollisionEvidence, closest_gap, log_odds, search_collisions
 from nsdr.dynamics.physics.config import PhysicsConfig
@@ -27,7 +28,7 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import DynamicsPrediction, Rollout, SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import FRAME_SECONDS
-from nsdr.world.vocabulary import SHAPES
+from nsdr.world.world import CLEVRER_WORLD
 
 from .test_dynamics import tracks
 
@@ -36,22 +37,23 @@ COLORS = ("red", "blue", "green", "gray")
 
 def bodies(*rows: tuple[str, float, float, float, float], yaw: float = 0.3) -> BodyStates:
     """Rows of (shape, x, y, vx, vy); masses 1."""
-    shape = np.array([SHAPES.index(r[0]) for r in rows])
+    body = body_records([SceneObject(0, "red", "metal", r[0]) for r in rows], CLEVRER_WORLD)
     numbers = np.array([r[1:] for r in rows], float)
     n = len(rows)
-    turn = np.where(shape == 0, yaw, 0.0)
-    return BodyStates(shape, np.column_stack([numbers, turn, np.zeros(n)]), np.ones(n))
+    turn = np.where(body["is_box"], yaw, 0.0)
+    return BodyStates(body, np.column_stack([numbers, turn, np.zeros(n)]), np.ones(n))
 
 
 def run(start: BodyStates, n_frames: int = 128, **options: object) -> SimulatedMotion:
-    return simulate(start, np.ones(len(start.shape), bool), n_frames, **options)  # type: ignore[arg-type]
+    return simulate(start, np.ones(len(start.body), bool), n_frames, **options)  # type: ignore[arg-type]
 
 
-def seen(motion: SimulatedMotion, shape: np.ndarray, noise: float = 0.003) -> MotionStates:
+def seen(motion: SimulatedMotion, body: np.ndarray, noise: float = 0.003) -> MotionStates:
     """What a tracker would measure of a run, boxes left out (zero width)."""
     rng = np.random.default_rng(0)
     n, frames = motion.states.shape[:2]
-    objects = tuple(SceneObject(i, COLORS[i], "metal", SHAPES[k]) for i, k in enumerate(shape))
+    words = ["cube" if b["is_box"] else "sphere" if b["is_sphere"] else "cylinder" for b in body]
+    objects = tuple(SceneObject(i, COLORS[i], "metal", word) for i, word in enumerate(words))
     position = motion.states[..., POSITION] + rng.normal(size=(n, frames, 2)) * noise
     all_frames = np.ones((n, frames), bool)
     return MotionStates(objects, position, all_frames, all_frames, all_frames, np.zeros((n, frames, 4)))
@@ -92,7 +94,7 @@ def test_cylinders_rebound_as_in_bullet_wherever_in_a_step_they_meet() -> None:
 
 
 def test_momentum_is_kept_and_a_given_rebound_is_met() -> None:
-    start = replace(TWO, shape=np.array([1, 1]))  # two spheres: no friction
+    start = replace(TWO, body=TWO.body[[0, 0]])  # two spheres: no friction
     for rebound in (0.0, 0.5):
         motion = run(start, 30, rebound=np.full((2, 2), rebound))
         hit = int(motion.contacts[0, 0, 1])
@@ -143,7 +145,7 @@ def test_a_fit_finds_masses_and_rebounds_through_noise() -> None:
     start = replace(TWO, mass=np.array([1.2, 0.8]))
     motion = run(start, rebound=np.full((2, 2), 0.5))
     hit = int(motion.contacts[0, 0, 1])
-    fit = fit_trajectories(seen(motion, start.shape), [Event("collision", hit, (0, 1))])
+    fit = fit_trajectories(seen(motion, start.body), [Event("collision", hit, (0, 1))])
     assert np.abs(fit.states[..., POSITION] - motion.states[..., POSITION]).max() < 0.006
     assert fit.bodies.mass[0] / fit.bodies.mass[1] == pytest.approx(1.5, abs=0.2)
     assert fit.rebound[0, 1] == pytest.approx(0.5, abs=0.05)
@@ -154,7 +156,7 @@ def test_collisions_that_explain_nothing_are_dropped_and_needed_ones_found() -> 
     three = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 0.9, 0.0, 0.0))
     motion = run(three)
     hit = int(motion.contacts[0, 0, 1])
-    states = seen(motion, three.shape)
+    states = seen(motion, three.body)
     candidates = [(Event("collision", hit, (0, 1)), 0.3), (Event("collision", hit + 20, (1, 2)), 0.7)]
     found, fit, judged = search_collisions(states, candidates)
     assert [e.objects for e in found] == [(0, 1)]
@@ -170,26 +172,30 @@ def test_gaps_are_those_of_outlines_at_the_closest_approach() -> None:
         ("cube", -1.5, 0.5, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.0, -2.0, 0.0, 0.0), yaw=0.0
     )
     motion = run(passing)
-    fit = fit_trajectories(seen(motion, passing.shape), [])
+    fit = fit_trajectories(seen(motion, passing.body), [])
     fit = replace(fit, states=motion.states, contact=motion.contacts[0])
-    assert closest_gap(fit, (0, 1)) == pytest.approx(0.1, abs=0.03)  # 0.5 between the centres, 0.2 to the edges of each
-    assert closest_gap(fit, (0, 2)) == 0.3  # no more than that is said
+    assert closest_gap(fit, (0, 1), 1.0) == pytest.approx(
+        0.1, abs=0.03
+    )  # 0.5 between the centres, 0.2 to the edges of each
+    assert closest_gap(fit, (0, 2), 2.0) == 0.3  # no more than that is said
     meeting = bodies(("cube", -1.5, 0.1, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
     motion = run(meeting)
-    assert closest_gap(replace(fit, bodies=meeting, states=motion.states, contact=motion.contacts[0]), (0, 1)) == 0.0
+    assert (
+        closest_gap(replace(fit, bodies=meeting, states=motion.states, contact=motion.contacts[0]), (0, 1), 1.0) == 0.0
+    )
 
 
 def test_evidence_of_fits_that_fail_or_do_not_meet() -> None:
     three = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
     motion = run(three)
-    good = replace(fit_trajectories(seen(motion, three.shape), []), states=motion.states, contact=motion.contacts[0])
+    good = replace(fit_trajectories(seen(motion, three.body), []), states=motion.states, contact=motion.contacts[0])
     met = replace(good, cost=0.2)
-    assert CollisionEvidence.of((0, 1), 1.0, met) == CollisionEvidence(12.0, 0.0)
+    assert CollisionEvidence.of((0, 1), 1.0, met, 1.0) == CollisionEvidence(12.0, 0.0)
     moved = good.states.copy()
     moved[1, :, 1] += 5.0
     apart = replace(good, states=moved, contact=np.full((2, 2), NO_CONTACT), cost=0.2)
-    assert CollisionEvidence.of((0, 1), 0.5, apart) == CollisionEvidence(0.0, pytest.approx(0.3 / (1 + 0.5**2)))
-    assert CollisionEvidence.of((0, 1), 0.5, replace(apart, cost=20.0)).gap == pytest.approx(0, abs=0.001)
+    assert CollisionEvidence.of((0, 1), 0.5, apart, 1.0) == CollisionEvidence(0.0, pytest.approx(0.3 / (1 + 0.5**2)))
+    assert CollisionEvidence.of((0, 1), 0.5, replace(apart, cost=20.0), 1.0).gap == pytest.approx(0, abs=0.001)
     assert log_odds(0.5) == 0.0
 
 
@@ -201,7 +207,7 @@ def test_evidence_adds_up() -> None:
 def test_sure_candidates_are_not_tried_both_ways(monkeypatch) -> None:
     start = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 0.9, 0.0, 0.0))
     motion = run(start)
-    states, calls = seen(motion, start.shape), []
+    states, calls = seen(motion, start.body), []
     monkeypatch.setattr(
         collision_search, "fit_trajectories", lambda *args: calls.append(args[1]) or fit_trajectories(*args)
     )
@@ -218,7 +224,7 @@ def test_the_fit_is_that_of_the_chosen_collisions(monkeypatch) -> None:
     """A rejected trial may cost a little less than what is chosen."""
     three = bodies(("sphere", -1.5, 0.05, 0.0, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0))
     motion = run(three)
-    states = seen(motion, three.shape)
+    states = seen(motion, three.body)
     real, fits = collision_search.fit_trajectories, []
 
     def fitted(states, collisions, *options):
@@ -275,7 +281,7 @@ def test_backends_keep_the_contract(name: str, observer: PropNetPredictor, paper
 
 def test_physics_predicts_a_meeting_after_the_video(observer: PropNetPredictor) -> None:
     start = bodies(("sphere", -3.6, 0.0, 1.0, 0.0), ("sphere", 0.5, 0.0, 0.0, 0.0), ("sphere", 0.0, -1.5, 0.0, 0.0))
-    explanation = PhysicsPredictor(observer, PhysicsConfig(runs=10)).explain(seen(run(start), start.shape))
+    explanation = PhysicsPredictor(observer, PhysicsConfig(runs=10)).explain(seen(run(start), start.body))
     rollout = explanation.rollout(frames=180)
     assert [e.objects for e in rollout.collisions] == [(0, 1)]
     assert rollout.collisions[0].frame == pytest.approx(run(start, 180).contacts[0, 0, 1], abs=2)
@@ -300,7 +306,7 @@ def test_uncertain_observed_collisions_hold_without_other_objects_too() -> None:
     # No trials: the detector's probabilities stay.
     config = PhysicsConfig(runs=5, trials=0)
     predictor = PhysicsPredictor(Detector((hit, 0.9), (graze, 0.2)), config)
-    scene = predictor.explain(seen(motion, start.shape))
+    scene = predictor.explain(seen(motion, start.body))
     observed = scene.rollout()
     assert observed.collisions == (hit,)
     assert [(d.event, d.probability, d.removed) for d in observed.uncertain] == [(hit, 0.9, None), (graze, 0.2, None)]
@@ -308,7 +314,7 @@ def test_uncertain_observed_collisions_hold_without_other_objects_too() -> None:
     assert [e.objects for e in without.collisions] == [(0, 1)]
     assert [(d.event.objects, d.probability) for d in without.uncertain] == [((0, 1), 0.9)]
     assert [d.event for d in scene.rollout([Remove(0)]).uncertain] == [graze]
-    sure = PhysicsPredictor(Detector((hit, 0.9999)), config).explain(seen(motion, start.shape))
+    sure = PhysicsPredictor(Detector((hit, 0.9999)), config).explain(seen(motion, start.body))
     assert sure.rollout().uncertain == ()
     assert sure.rollout([Remove(2)]).uncertain == ()
 
@@ -318,7 +324,7 @@ def test_given_collisions_are_kept_at_the_first_frame_and_of_pairs_that_meet_twi
     start = bodies(("sphere", -1.5, 0.05, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0), ("sphere", 0.3, 1.9, 0.0, 0.0))
     given = [Event("collision", frame, (0, 1)) for frame in (first, 70)]
     predictor = PhysicsPredictor(Detector(*[(event, 1.0) for event in given]), PhysicsConfig(runs=3))
-    scene = predictor.explain(seen(run(start), start.shape))
+    scene = predictor.explain(seen(run(start), start.body))
     assert list(scene.rollout().collisions) == given
     assert list(scene.rollout([Remove(2)]).collisions) == given
     assert scene.rollout([Remove(1)]).collisions == ()
@@ -329,7 +335,7 @@ def test_given_collisions_are_kept_at_the_first_frame_and_of_pairs_that_meet_twi
 def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:
     start = bodies(("sphere", -1.5, 0.33, 1.0, 0.0), ("sphere", 0.3, 0.0, 0.0, 0.0))  # a near miss or a graze
     config = PhysicsConfig(runs=40, position_noise_world=0.15)
-    states = seen(run(start, 40), start.shape)
+    states = seen(run(start, 40), start.body)
     rollout = PhysicsPredictor(Detector(), config).explain(states).rollout(frames=151)
     [one] = [u for u in rollout.uncertain if u.event.kind == "collision"]
     assert 0.05 < one.probability < 0.95
@@ -341,7 +347,7 @@ def test_uncertain_predicted_collisions_are_shares_of_runs() -> None:
 def test_what_was_seen_briefly_is_known_less_exactly() -> None:
     """Errors of states are those of a line by least squares: of N frames in a row, N (N² - 1) / 12 is the spread."""
     start = bodies(("sphere", -1.5, 1.0, 1.0, 0.0), ("cylinder", 1.0, -1.0, 0.0, 0.0), ("sphere", -1.5, -1.0, 1.0, 0.0))
-    states, config = seen(run(start, 60), start.shape), PhysicsConfig(runs=1000)
+    states, config = seen(run(start, 60), start.body), PhysicsConfig(runs=1000)
     detected = states.detected.copy()
     detected[2, :50] = False
     scene = PhysicsPredictor(Detector(), config).explain(replace(states, detected=detected))
@@ -364,12 +370,12 @@ def test_what_was_seen_briefly_is_known_less_exactly() -> None:
 def test_collisions_from_velocity_alone() -> None:
     motion = run(TWO)
     rollout = Rollout(motion.states[..., POSITION], np.ones((2, 128), bool), ())
-    found = collisions_from_motion(rollout)
+    found = collisions_from_motion(rollout, CLEVRER_CAMERA)
     assert [e.objects for e in found] == [(0, 1)]
     assert found[0].frame == pytest.approx(motion.contacts[0, 0, 1], abs=5)
     position = motion.states[..., POSITION].copy()
     position[:, :4] = np.nan  # seen from frame 4 on
-    assert collisions_from_motion(replace(rollout, location_world=position)) == found
+    assert collisions_from_motion(replace(rollout, location_world=position), CLEVRER_CAMERA) == found
 
 
 def test_patch_boxes_ignore_what_hides_an_object_and_reach_back_before_the_video() -> None:

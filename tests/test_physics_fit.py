@@ -8,10 +8,10 @@ import pytest
 from nsdr import Event
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.physics import collision_search
+from nsdr.dynamics.physics.bodies import OUTLINE_POINTS, outline_of
 from nsdr.dynamics.physics.body_state import POSITION, VELOCITY, YAW
 from nsdr.dynamics.physics.collision_search import search_collisions
-from nsdr.dynamics.physics.contact_geometry import CUBE_OUTLINE
-from nsdr.dynamics.physics.cube_edges import EDGES_PX, cube_edges_px, projection_rows
+from nsdr.dynamics.physics.cube_edges import EDGES_PX, box_edges_px, projection_rows
 from nsdr.dynamics.physics.fit_objective import (
     EDGE_NOISE_PX,
     LOG_MASS,
@@ -26,10 +26,13 @@ from nsdr.dynamics.physics.solver import trust_region_step
 from nsdr.dynamics.physics.trajectory_fit import REBOUND_DEVIATION, _Problem, fit_trajectories
 from nsdr.dynamics.sliding import slide_one
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import LOG_MASS_STD
-from nsdr.world.vocabulary import SHAPES
+from nsdr.world.vocabulary import CLEVRER, SHAPES
+from nsdr.world.world import CLEVRER_WORLD
 
+from .test_dynamics import LAWS
 from .test_physics import bodies, run, seen
+
+CUBE = bodies(("cube", 0.0, 0.0, 0.0, 0.0)).body[0]
 
 PAIRS = {
     "spheres": bodies(("sphere", -1.5, 0.12, 2.4, 0.0), ("sphere", 0.0, 0.0, 0.0, 0.0)),
@@ -43,7 +46,7 @@ PAIRS = {
 def outline_px(position: np.ndarray, yaw: float) -> np.ndarray:
     """Left and right edge of a cube's image, by projecting all corners of its hull."""
     c, s = np.cos(yaw), np.sin(yaw)
-    ring = CUBE_OUTLINE @ np.array([[c, s], [-s, c]]) + position
+    ring = outline_of(CLEVRER.shape("cube")) @ np.array([[c, s], [-s, c]]) + position
     hull = np.concatenate([np.c_[ring, np.full(len(ring), z)] for z in (0.0, 0.4)])
     columns = CLEVRER_CAMERA.pixels(hull)[:, 0]
     return np.array([columns.min(), columns.max()]) + EDGES_PX
@@ -52,9 +55,9 @@ def outline_px(position: np.ndarray, yaw: float) -> np.ndarray:
 def measured(start: BodyStates, rebound: float = 0.4, frames: int = 60) -> tuple[MotionStates, Event]:
     """A run as a tracker measures it, cubes' edges included, and its collision."""
     motion = run(start, frames, rebound=np.full((2, 2), rebound))
-    states = seen(motion, start.shape)
+    states = seen(motion, start.body)
     rng = np.random.default_rng(1)
-    for i in np.flatnonzero(start.shape == SHAPES.index("cube")):
+    for i in np.flatnonzero(start.body["is_box"]):
         edges = np.array([outline_px(row[POSITION], row[YAW]) for row in motion.states[i]])
         edges += rng.normal(size=edges.shape)
         states.box_px[i, :, 0], states.box_px[i, :, 2] = edges.mean(1), edges[:, 1] - edges[:, 0]
@@ -72,12 +75,12 @@ def problem_near(name: str) -> tuple[_Problem, np.ndarray]:
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("speed", "seconds"), [(2.8, 0.7), (0.2, 3.0), (1.0, -0.4)])
 def test_the_law_of_sliding_knows_its_derivatives(shape: str, speed: float, seconds: float) -> None:
-    kind, step = SHAPES.index(shape), 1e-5
-    distance, final, by_speed, final_by_speed = slide_one(kind, speed, seconds)
-    above, below = slide_one(kind, speed + step, seconds), slide_one(kind, speed - step, seconds)
+    law, step = LAWS[shape], 1e-5
+    distance, final, by_speed, final_by_speed = slide_one(law, speed, seconds)
+    above, below = slide_one(law, speed + step, seconds), slide_one(law, speed - step, seconds)
     assert by_speed == pytest.approx((above[0] - below[0]) / (2 * step), abs=1e-5)
     assert final_by_speed == pytest.approx((above[1] - below[1]) / (2 * step), abs=1e-5)
-    back = slide_one(kind, final, -seconds)
+    back = slide_one(law, final, -seconds)
     if final > 0:
         assert (-back[0], back[1]) == pytest.approx((distance, speed), abs=1e-9)
 
@@ -100,19 +103,19 @@ def test_the_cost_is_the_mean_robust_loss_of_all_residuals(name: str) -> None:
     cost, _, _, motion, _ = evaluate(problem.problem, x, 40)
     residuals = []
     states = problem.states
-    for i, shape in enumerate(problem.shape):
+    for i, body in enumerate(problem.body):
         for row, position, box, weight in zip(
             motion[i], states.location_world[i], states.box_xyxy_px[i], states.weight[i], strict=False
         ):
             residuals += (np.sqrt(weight) * (row[POSITION] - position) / POSITION_NOISE_WORLD).tolist()
-            if shape == SHAPES.index("cube"):
+            if body["is_box"]:
                 off = (outline_px(row[POSITION], row[YAW]) - box[[0, 2]]) / EDGE_NOISE_PX
                 residuals += (np.sqrt(weight) * off).tolist()
     for value, kind in zip(x * problem.unit, problem.problem.parameters[:, 0], strict=True):
         if kind == LOG_MASS:
-            residuals.append(value / LOG_MASS_STD)
+            residuals.append(value / CLEVRER_WORLD.physics.log_mass_std)
         elif kind == PAIR_REBOUND:
-            residuals.append((value - REBOUND) / REBOUND_DEVIATION)
+            residuals.append((value - 0.64 * REBOUND) / REBOUND_DEVIATION)
     loss = ROBUST_SCALE**2 * (np.sqrt(1 + (np.array(residuals) / ROBUST_SCALE) ** 2) - 1)
     assert cost == pytest.approx(loss.mean(), rel=1e-9)
 
@@ -121,8 +124,8 @@ def test_edges_are_found_from_any_start_of_the_climb() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):
         position, yaw = rng.uniform(-2, 2, 2), float(rng.uniform(-4, 4))
-        start = rng.integers(0, len(CUBE_OUTLINE), (2, 2))
-        edges = cube_edges_px(projection_rows(CLEVRER_CAMERA), *position, yaw, start, np.empty((2, 3)))
+        start = rng.integers(0, OUTLINE_POINTS, (2, 2))
+        edges = box_edges_px(projection_rows(CLEVRER_CAMERA), CUBE, *position, yaw, start, np.empty((2, 3)))
         np.testing.assert_allclose(edges, outline_px(position, yaw), atol=1e-6)
 
 

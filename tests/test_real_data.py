@@ -12,6 +12,7 @@ from nsdr.clevrer.files.predictions import read_predictions
 from nsdr.clevrer.files.proposals import read_ground_truth, read_proposals
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_ground_truth
+from nsdr.dynamics.physics.bodies import body_records
 from nsdr.dynamics.physics.body_state import VELOCITY
 from nsdr.dynamics.physics.simulator import BodyStates, simulate
 from nsdr.evaluation import EvaluationConfig, run_evaluation
@@ -22,7 +23,8 @@ from nsdr.io.video import read_video
 from nsdr.symbolic import Executor, OfficialExecutor
 from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
-from nsdr.world.vocabulary import SHAPES
+from nsdr.types import SceneObject
+from nsdr.world.world import CLEVRER_WORLD
 from tests.resimulation import resimulate
 
 pytestmark = pytest.mark.real_data
@@ -214,7 +216,7 @@ def test_cubes_and_cylinders_rebound_in_the_plane_as_in_the_annotations(shared) 
             velocity, later = (np.array([o["velocity"][:2] for o in rows]) for rows in (before, after))
             change = np.linalg.norm(later - velocity, axis=1)  # tells the ratio of the masses
             start = BodyStates(
-                np.array([SHAPES.index(shapes[i]) for i in pair]),
+                body_records([SceneObject(i, "red", "metal", shapes[i]) for i in pair], CLEVRER_WORLD),
                 np.array(
                     [
                         (*o["location"][:2], *o["velocity"][:2], o["orientation"][2], o["angular_velocity"][2])

@@ -27,7 +27,7 @@ from nsdr.generate.scene_files import solids_at
 from nsdr.io.video import read_frames
 from nsdr.laws.judge import judge_proposals
 from nsdr.types import Event
-from nsdr.world.camera import Camera
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.physics_constants import VIDEO_FRAMES
 
 STORED = Path(__file__).with_name("stage_versions.json")
@@ -86,7 +86,7 @@ def _propnet() -> Any:
 def _dynamics() -> Any:
     made = _perception().explanation.prediction
     scene = scene_from_prediction(made)
-    by_velocity = collisions_from_motion(made.observed)
+    by_velocity = collisions_from_motion(made.observed, CLEVRER_CAMERA)
     return [
         [o.name for o in scene.objects],
         _events(scene.events),

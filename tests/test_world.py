@@ -22,8 +22,8 @@ from nsdr import (
     save,
     track,
 )
-from nsdr.dynamics import states_from_tracks
 from nsdr.errors import DataError, ProgramError, QuestionError
+from nsdr.laws.judge import judge_tracks
 from nsdr.world.physics import Physics, Timeline
 from nsdr.world.vocabulary import Color, Material, Shape, Vocabulary
 from tests.test_types_and_storage import proposals
@@ -208,8 +208,8 @@ def test_pipelines_refuse_worlds_whose_physics_they_do_not_know() -> None:
     assert World("clevrer 2", camera=Camera(lens_mm=28.0)).differences(World()) == ["camera.lens_mm"]
     with pytest.raises(DataError, match=r"jupiter: other than CLEVRER's in physics\.gravity, which a pipeline cannot"):
         PipelineConfig(world=heavy)
-    with pytest.raises(DataError, match=r"physics\.gravity, which dynamics and laws cannot take"):
-        states_from_tracks(VideoTracks(5, (), heavy))
+    with pytest.raises(DataError, match=r"physics\.gravity, which the judge cannot take"):
+        judge_tracks(VideoTracks(5, (), heavy))
     with pytest.raises(DataError, match=r"vocabulary\.shapes, which tracking cannot take"):
         track(replace(proposals(), world=MINE))
     with pytest.raises(

@@ -11,13 +11,14 @@ from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.types import Event, SceneObject
 from nsdr.types.arrays import ArrayHolder
 from nsdr.validation import Array, BoolArray, FloatArray, IntArray
-from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, SAME_EVENT_FRAMES, STEPS_PER_FRAME
+from nsdr.world.physics_constants import SAME_EVENT_FRAMES
+from nsdr.world.world import CLEVRER_WORLD
 
 Sums = dict[str, Any]
 """Sums by name: a number, or a list with a number for each frame after the cut. Sums of several runs or videos can be added."""
 MIN_GIVEN_FRAMES = 8
 """An object must be in the image in at least this many of the given frames to be known from them."""
-TOUCHING_FRAMES = CONTACT_PAUSE_STEPS // STEPS_PER_FRAME
+TOUCHING_FRAMES = CLEVRER_WORLD.physics.contact_pause_frames
 """A pair that collides at most this long before the cut may still touch at the cut (frames)."""
 KERNEL_WORLD, KERNEL_FREEDOM = 0.02, 3.0
 """Scale (world units) and degrees of freedom of Student's t distribution around each position of a possible future. The scale

@@ -15,7 +15,6 @@ from nsdr.types import DynamicsPrediction, Event, ObjectPhysics, Remove, Rollout
 from nsdr.types.interventions import Intervention
 from nsdr.validation import expect
 from nsdr.world.camera import Camera
-from nsdr.world.physics_constants import horizon_frame
 from nsdr.world.world import CLEVRER_WORLD, World
 
 __all__ = ["Dynamics", "Explanation", "StoredExplanation", "only_removal"]
@@ -87,8 +86,8 @@ class Explanation(ABC):
         Args:
             changes: interventions; none for the video as it is.
             from_frame: frame of the video at which the interventions happen.
-            frames: number of frames of the rollout, which has at least those of the video; None for the horizon of CLEVRER's
-                predictive questions (`nsdr.world.physics_constants.horizon_frame`): 180 for a video of 128 frames.
+            frames: number of frames of the rollout, which has at least those of the video; None for the horizon of predictive
+                questions (`nsdr.world.physics.Timeline.horizon_frame`): in CLEVRER, 180 for a video of 128 frames.
 
         Raises:
             DataError: a change concerns an object that is not there or is impossible, two changes contradict each other, or
@@ -126,7 +125,7 @@ class Explanation(ABC):
 
     def _length(self, frames: int | None = None) -> int:
         """Number of frames of a rollout: at least that of the video; None for a rollout to the horizon."""
-        return max(horizon_frame(self.n_frames) + 1 if frames is None else frames, self.n_frames)
+        return max(self.world.timeline.horizon_frame(self.n_frames) + 1 if frames is None else frames, self.n_frames)
 
 
 class _Removals(Mapping[int, Rollout]):

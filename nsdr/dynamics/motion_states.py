@@ -12,13 +12,14 @@ from nsdr.types import SceneObject, VideoProposals, VideoTracks
 from nsdr.validation import BoolArray, FloatArray, IntArray
 from nsdr.world.camera import Camera
 from nsdr.world.vocabulary import MATERIALS, SHAPES
-from nsdr.world.world import CLEVRER_WORLD, World, check_as_clevrer
+from nsdr.world.world import CLEVRER_WORLD, World
 
 UNRELIABLE_WEIGHT = 0.03
 """Weight of the position of an object that is partly hidden or cut by the image border. Chosen, like `REST_SPEED_WORLD_PER_S`
 and `COLLISION_MARGIN_FRAMES`, by the accuracy of answers on `dev` scenes."""
 REST_SPEED_WORLD_PER_S = 0.4
-"""An object whose fitted initial speed is below this is treated as at rest (world units/s); CLEVRER's start at 2.7 or more."""
+"""An object whose fitted initial speed is below this is treated as at rest (world units/s in CLEVRER,
+whose objects start at 2.7 or more)."""
 COLLISION_MARGIN_FRAMES = 1
 """Positions this close to a collision are ambiguous and are not fitted (frames)."""
 LINE_FRAMES = 8
@@ -37,7 +38,7 @@ class VideoPixels:
     """The images of a video, for networks that read images in addition to tracks.
 
     Attributes:
-        frames: (320, 480, 3) uint8 RGB, the frames of the video in order; they are read at most once.
+        frames: (height, width, 3) uint8 RGB, the frames of the video in order; they are read at most once.
         proposals: detections that the tracks were made from, with masks.
         tracks: tracks of the objects.
     """
@@ -114,11 +115,7 @@ def states_from_tracks(video: VideoTracks, pixels: VideoPixels | None = None) ->
     Args:
         video: tracks of the video.
         pixels: images of the video, for networks that read images.
-
-    Raises:
-        DataError: tracks of a world with other physics, time or shapes than CLEVRER's; names what differs.
     """
-    check_as_clevrer(video.world, "dynamics and laws", ("vocabulary.colors", "camera."))
     n, frames = len(video.tracks), video.n_frames
     location, detected = np.zeros((n, frames, 2)), np.zeros((n, frames), bool)
     box = np.full((n, frames, 4), np.nan)

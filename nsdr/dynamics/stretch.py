@@ -7,10 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.sliding import fit_sliding, slide_on_ground
+from nsdr.dynamics.sliding import Law, fit_sliding, slide_on_ground
 from nsdr.validation import BoolArray, FloatArray
-from nsdr.world.physics_constants import FRAME_SECONDS
-from nsdr.world.vocabulary import SHAPES
 
 UNRELIABLE_SHARE = 0.02
 """The weight of unreliable positions is multiplied by this when the errors of a stretch are estimated: their errors are
@@ -21,7 +19,7 @@ class Ground(NamedTuple):
     """The ground on which an object slides.
 
     Attributes:
-        extra: deceleration from `onset` to `end` in addition to that on CLEVRER's ground (world units/s²).
+        extra: deceleration from `onset` to `end` in addition to the world's (world units/s²).
         onset: start of the additional deceleration after the first position (s).
         end: end of the additional deceleration after the first position (s).
     """
@@ -31,7 +29,7 @@ class Ground(NamedTuple):
     end: float
 
 
-CLEVRERS_GROUND = Ground(0.0, 0.0, 0.0)
+WORLDS_GROUND = Ground(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +37,7 @@ class Stretch:
     """Free sliding fitted to positions of one object.
 
     Attributes:
-        shape: "cube", "sphere" or "cylinder".
+        law: how the object slides.
         frames: (N,) int, frames of the positions in ascending order.
         weight: (N,) float, weight of each position in the fit; 1 for reliable ones.
         motion: (4,) fitted position and velocity in the first of the frames (world units, world units/s).
@@ -48,16 +46,20 @@ class Stretch:
         at_rest: whether the object is known to be at rest, so that its velocity has no error.
     """
 
-    shape: str
+    law: Law
     frames: NDArray[np.int64]
     weight: FloatArray
     motion: FloatArray
     residual: FloatArray
-    ground: Ground = CLEVRERS_GROUND
+    ground: Ground = WORLDS_GROUND
     at_rest: bool = False
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @cached_property
+    def _frame_seconds(self) -> float:
+        return float(self.law["frame_seconds"])
 
     @cached_property
     def start(self) -> int:
@@ -88,12 +90,12 @@ class Stretch:
 
     def position_at(self, frames: FloatArray) -> FloatArray:
         """(F, 2) positions at frames (F,) in ascending order (world units)."""
-        return sliding_positions(self.shape, self.motion, self.ground, (frames - self.start) * FRAME_SECONDS)
+        return sliding_positions(self.law, self.motion, self.ground, (frames - self.start) * self._frame_seconds)
 
     def velocity_at(self, frames: FloatArray) -> FloatArray:
         """(F, 2) velocities at frames (F,) in ascending order (world units/s)."""
-        seconds = (np.asarray(frames, float) - self.start) * FRAME_SECONDS
-        speeds = slide_on_ground(SHAPES.index(self.shape), self.speed, seconds, *self.ground)[1]
+        seconds = (np.asarray(frames, float) - self.start) * self._frame_seconds
+        speeds = slide_on_ground(self.law, self.speed, seconds, *self.ground)[1]
         return np.asarray(speeds[:, None] * self.motion[2:] / max(self.speed, 1e-9))
 
     @cached_property
@@ -101,7 +103,7 @@ class Stretch:
         """Sum of the weights, weighted mean frame, and weighted sum of squared times from the mean frame (s²)."""
         weight = np.where(self.reliable, 1.0, UNRELIABLE_SHARE * self.weight)
         middle = float(weight @ self.frames / weight.sum())
-        return float(weight.sum()), middle, float(weight @ ((self.frames - middle) * FRAME_SECONDS) ** 2)
+        return float(weight.sum()), middle, float(weight @ ((self.frames - middle) * self._frame_seconds) ** 2)
 
     @property
     def middle_frame(self) -> float:
@@ -125,35 +127,35 @@ class Stretch:
 
         variance(t) = middle_variance + velocity_variance · (t - middle)²; `noise_world` as in `middle_variance`.
         """
-        since_middle = (frames - self.middle_frame) * FRAME_SECONDS
+        since_middle = (frames - self.middle_frame) * self._frame_seconds
         return self.middle_variance(noise_world) + self.velocity_variance(noise_world) * since_middle**2
 
 
-def fit_stretch(shape: str, frames: NDArray[np.int64], location_world: FloatArray, weight: FloatArray) -> Stretch:
-    """Fit free sliding on CLEVRER's ground robustly.
+def fit_stretch(law: Law, frames: NDArray[np.int64], location_world: FloatArray, weight: FloatArray) -> Stretch:
+    """Fit free sliding on the world's ground robustly.
 
     Args:
-        shape: "cube", "sphere" or "cylinder".
+        law: how the object slides.
         frames: (N,) frames of the positions in ascending order.
         location_world: (N, 2) measured positions (world units).
         weight: (N,) weight of each position, 0-1.
     """
     # The motion is that of the first frame: the motion before a rest does not follow from a later state.
-    seconds = np.asarray((frames - frames[0]) * FRAME_SECONDS)
+    seconds = np.asarray((frames - frames[0]) * float(law["frame_seconds"]))
     location, weight = np.ascontiguousarray(location_world, float), np.ascontiguousarray(weight, float)
-    motion, residual = fit_sliding(SHAPES.index(shape), seconds, location, weight)
-    return Stretch(shape, frames, weight, motion, residual)
+    motion, residual = fit_sliding(law, seconds, location, weight)
+    return Stretch(law, frames, weight, motion, residual)
 
 
-def sliding_positions(shape: str, motion: FloatArray, ground: Ground, seconds: FloatArray) -> FloatArray:
+def sliding_positions(law: Law, motion: FloatArray, ground: Ground, seconds: FloatArray) -> FloatArray:
     """(N, 2) positions of a sliding object (world units).
 
     Args:
-        shape: "cube", "sphere" or "cylinder".
+        law: how the object slides.
         motion: (4,) position and velocity at second 0 (world units, world units/s).
         ground: ground on which the object slides.
         seconds: (N,) times in ascending order.
     """
     speed = float(np.hypot(motion[2], motion[3]))
-    distance = slide_on_ground(SHAPES.index(shape), speed, np.asarray(seconds, float), *ground)[0]
+    distance = slide_on_ground(law, speed, np.asarray(seconds, float), *ground)[0]
     return np.asarray(motion[:2] + distance[:, None] * motion[2:4] / max(speed, 1e-9))

@@ -3,7 +3,7 @@
 Between its collisions every object slides freely, so the law of `nsdr.dynamics.sliding` is fitted to each stretch of a track.
 An object enters when the first part of its outline crosses the image border, some frames before it is detected. These frames
 follow from the fitted motion. At the left, right and bottom borders the fitted outline is shifted to the measured leading side
-of the box, because the yaw of a cube is not known and fits are off by some pixels where objects are near. At the top border,
+of the box, because the yaw of a box is not known and fits are off by some pixels where objects are near. At the top border,
 objects are far away and fits are better than masks.
 """
 
@@ -16,37 +16,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.motion_states import COLLISION_MARGIN_FRAMES, REST_SPEED_WORLD_PER_S, MotionStates, detections_in
+from nsdr.dynamics.sliding import law_of
 from nsdr.dynamics.stretch import Stretch, fit_stretch
 from nsdr.tracking.visibility import in_image
 from nsdr.types import Event, Rollout
 from nsdr.validation import BoolArray, FloatArray
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
+from nsdr.world.camera import Camera, on_ground
 from nsdr.world.shapes import surface_points
+from nsdr.world.vocabulary import Shape
 
 MIN_STRETCH_FRAMES = 4
 """Stretches whose detections span fewer frames than this are not fitted. Set, like `MAX_RESIDUAL_WORLD`, on left-out scenes of
 `train`."""
 MAX_RESIDUAL_WORLD = 0.04
-"""A stretch with a larger median residual contains an unknown collision, and its fit is not used (world units)."""
+"""A stretch with a larger median residual contains an unknown collision, and its fit is not used (world units in
+CLEVRER)."""
 LEFT, TOP, RIGHT, BOTTOM = range(4)
 """Indices of the sides of a box."""
 SIDE_SHIFT_PX = (0.45, -0.4, -0.47)
 """Corrections of the depth of a measured side inside the left, right and bottom borders (pixels): the difference between the
 sides of the true outline and of the mask. Measured on `train` by `python -m benchmarks.objects --shifts --every 5 --first 1
 --scenes 800`."""
-TOP_SHIFT_PX = {"cube": 0.64, "cylinder": 1.47, "sphere": 0.42}
+TOP_SHIFT_PX = {"box": 0.64, "cylinder": 1.47, "sphere": 0.42}
 """Corrections of the depth of the fitted outline inside the top border (pixels), measured by the same command."""
 LEVEL_SAMPLES, TREND_SAMPLES, MAX_SAMPLE_FRAMES = 2, 10, 30
 """The difference between a measured and a fitted side is extrapolated from its mean over the `LEVEL_SAMPLES` detections nearest
 to the end of a track and its trend over the nearest `TREND_SAMPLES`, all at most `MAX_SAMPLE_FRAMES` frames from the end."""
 TREND_RIDGE_FRAMES2 = 50.0
 """Ridge of the regression for the trend (frames²), which shrinks a trend that is based on few detections."""
-CUBE_YAW = 0.4
-"""Yaw assumed for cubes whose yaw is not known (radians): at this angle to the line of sight, they have about their mean
+BOX_YAW = 0.4
+"""Yaw assumed for boxes whose yaw is not known (radians): at this angle to the line of sight, they have about their mean
 width."""
-MARGIN_WORLD = 3 * OBJECT_RADIUS_WORLD
-"""An object whose centre is further outside the image than this, or nearer to the camera, is not in the image (world units)."""
+MARGIN_RADII = 3.0
+"""An object whose centre is further outside the image than this, or nearer to the camera, is not in the image (halves of
+its largest size)."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,8 @@ def smooth_tracks(states: MotionStates, collisions: Sequence[Event]) -> Smoothed
                 every = np.arange(start, end)
                 location[i, start:end], velocity[i, start:end] = stretch.position_at(every), stretch.velocity_at(every)
                 stretches[i].append((start, end, stretch))
-        visible[i] = frames_in_image(o.shape, location[i], states.detected[i], box[i], states.camera)
+        shape = states.world.vocabulary.shape(o.shape)
+        visible[i] = frames_in_image(shape, location[i], states.detected[i], box[i], states.camera)
     return SmoothedTracks(location, velocity, visible, tuple(tuple(one) for one in stretches))
 
 
@@ -96,11 +100,11 @@ def with_smoothed_tracks(rollout: Rollout, smoothed: SmoothedTracks) -> Rollout:
     return replace(rollout, visible=visible, speed_world_per_s=speed)
 
 
-def rollout_in_image(shapes: Sequence[str], location_world: FloatArray, camera: Camera) -> BoolArray:
+def rollout_in_image(shapes: Sequence[Shape], location_world: FloatArray, camera: Camera) -> BoolArray:
     """(n, F) bool, whether objects at positions (n, F, 2) are in the image; False where a position is NaN."""
     visible = np.zeros(location_world.shape[:2], bool)
     for row, shape, places in zip(visible, shapes, location_world, strict=True):
-        row[:] = in_image(shape, on_ground(places), np.array([CUBE_YAW]), camera)
+        row[:] = in_image(shape, on_ground(places, shape.height_world), np.array([BOX_YAW]), camera)
     return visible
 
 
@@ -110,11 +114,11 @@ def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_co
     detected = np.flatnonzero(states.detected[i, start:last]) + start
     if len(detected) < detections_in(MIN_STRETCH_FRAMES, states.spacing_frames):
         return None
-    positions, weight = states.location_world[i, detected], states.weight[i, detected]
-    stretch = fit_stretch(states.objects[i].shape, detected, positions, weight)
-    if stretch.median_residual > MAX_RESIDUAL_WORLD:
+    positions, weight, scales = states.location_world[i, detected], states.weight[i, detected], states.world.scales
+    stretch = fit_stretch(law_of(states.objects[i], states.world), detected, positions, weight)
+    if stretch.median_residual > MAX_RESIDUAL_WORLD * scales.size:
         return None
-    if before_first_collision and stretch.speed < REST_SPEED_WORLD_PER_S:
+    if before_first_collision and stretch.speed < REST_SPEED_WORLD_PER_S * scales.speed:
         rest = np.array([*np.average(positions, axis=0, weights=weight), 0.0, 0.0])
         residual = np.linalg.norm(positions - rest[:2], axis=1)
         return replace(stretch, motion=rest, residual=residual, at_rest=True)
@@ -122,16 +126,16 @@ def _stretch(states: MotionStates, i: int, start: int, end: int, before_first_co
 
 
 def frames_in_image(
-    shape: str,
+    shape: Shape,
     location_world: FloatArray,
     detected: BoolArray,
     box_xyxy_px: FloatArray,
-    camera: Camera = CLEVRER_CAMERA,
+    camera: Camera,
 ) -> BoolArray:
     """Frames in which an object is in the image: those of its track, and those around it with the fitted outline in the image.
 
     Args:
-        shape: "cube", "sphere" or "cylinder".
+        shape: its shape.
         location_world: (F, 2) fitted positions (world units); NaN where no fit is good.
         detected: (F,) bool, whether the object was detected.
         box_xyxy_px: (F, 4) boxes of the detections.
@@ -146,7 +150,7 @@ def frames_in_image(
         return visible
     first, last = int(seen[0]), int(seen[-1])
     visible[first : last + 1] = True
-    shift = np.array([SIDE_SHIFT_PX[0], TOP_SHIFT_PX[shape], *SIDE_SHIFT_PX[1:]])
+    shift = np.array([SIDE_SHIFT_PX[0], TOP_SHIFT_PX[shape.solid], *SIDE_SHIFT_PX[1:]])
     for end, outside in ((first, np.arange(first)[::-1]), (last, np.arange(last + 1, len(detected)))):
         if len(outside):
             depths = border_depths(shape, location_world, outside, detected, end, box_xyxy_px, camera)
@@ -156,18 +160,18 @@ def frames_in_image(
 
 
 def border_depths(
-    shape: str,
+    shape: Shape,
     location_world: FloatArray,
     wanted: NDArray[np.integer[Any]],
     detected: BoolArray,
     end: int,
     box_xyxy_px: FloatArray,
-    camera: Camera = CLEVRER_CAMERA,
+    camera: Camera,
 ) -> FloatArray:
     """Depth of the leading side of the outline inside each border, without `SIDE_SHIFT_PX` and `TOP_SHIFT_PX`.
 
     Args:
-        shape: "cube", "sphere" or "cylinder".
+        shape: its shape.
         location_world: (F, 2) fitted positions (world units); NaN where no fit is good.
         wanted: (W,) frames for which the depths are computed.
         detected: (F,) bool, whether the object was detected.
@@ -189,7 +193,9 @@ def border_depths(
         lack = box_xyxy_px[near, side] - seen[:, side]
         usable = np.isfinite(lack)
         sides[:, side] += _continued(after[usable], lack[usable], wanted - end)
-    return np.stack([sides[:, RIGHT], sides[:, BOTTOM], WIDTH_PX - sides[:, LEFT], HEIGHT_PX - sides[:, TOP]], 1)
+    return np.stack(
+        [sides[:, RIGHT], sides[:, BOTTOM], camera.width - sides[:, LEFT], camera.height - sides[:, TOP]], 1
+    )
 
 
 def _continued(after: NDArray[np.integer[Any]], lack: FloatArray, wanted_after: NDArray[np.integer[Any]]) -> FloatArray:
@@ -210,22 +216,22 @@ def _continued(after: NDArray[np.integer[Any]], lack: FloatArray, wanted_after: 
     return np.asarray(lack[:LEVEL_SAMPLES].mean() + trend * (wanted_after - after[:LEVEL_SAMPLES].mean()))
 
 
-def _outline_sides(shape: str, location_world: FloatArray, camera: Camera) -> FloatArray:
+def _outline_sides(shape: Shape, location_world: FloatArray, camera: Camera) -> FloatArray:
     """Left, top, right and bottom (N, 4) of the outlines of an object at positions (N, 2) (pixels).
 
     They are NaN where a position is not known or is far from the image.
     """
-    centre = on_ground(location_world)
+    centre, margin_world = on_ground(location_world, shape.height_world), MARGIN_RADII * max(shape.size_world) / 2
     sides = np.full((len(centre), 4), np.nan)
     with np.errstate(invalid="ignore"):
         depth, pixel = camera.depth(centre), camera.pixels(centre)
-        margin = camera.focal_px * MARGIN_WORLD / depth[:, None]
-        near = ((pixel > -margin) & (pixel < np.array([WIDTH_PX, HEIGHT_PX]) + margin)).all(1)
-        known = np.flatnonzero(near & (depth > MARGIN_WORLD))
+        margin = camera.focal_px * margin_world / depth[:, None]
+        near = ((pixel > -margin) & (pixel < np.array([camera.width, camera.height]) + margin)).all(1)
+        known = np.flatnonzero(near & (depth > margin_world))
     if not len(known):
         return sides
-    points = np.repeat(surface_points(shape, CUBE_YAW)[None], len(known) if shape == "cube" else 1, axis=0)
-    if shape == "cube":
+    points = np.repeat(surface_points(shape, BOX_YAW)[None], len(known) if shape.solid == "box" else 1, axis=0)
+    if shape.solid == "box":
         x, y = (centre[known, :2] - camera.eye_world[:2]).T
         cos, sin = x / np.hypot(x, y), y / np.hypot(x, y)
         turn = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], 1)

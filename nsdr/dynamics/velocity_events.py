@@ -12,7 +12,8 @@ from nsdr.dynamics.motion_states import MotionStates
 from nsdr.io.checkpoint import HasWeights
 from nsdr.types import Event, Rollout
 from nsdr.types.interventions import Intervention
-from nsdr.world.camera import CLEVRER_CAMERA, Camera, grid_from_pixels, on_ground
+from nsdr.world.camera import Camera, grid_from_pixels, on_ground
+from nsdr.world.world import check_as_clevrer
 
 SAMPLE_STRIDE_FRAMES = 5
 """Frames between two samples that the velocity rule reads, as in the released files."""
@@ -42,7 +43,12 @@ class VelocityEvents:
             self.backend.save_pretrained(folder)
 
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
-        """Explain the motion, with collisions where velocities change; see `nsdr.dynamics.Dynamics`."""
+        """Explain the motion, with collisions where velocities change; see `nsdr.dynamics.Dynamics`.
+
+        Raises:
+            DataError: tracks of a world other than CLEVRER's, for which the thresholds of the rule were set.
+        """
+        check_as_clevrer(states.world, "the velocity rule of the released executor")
         seen = Rollout(states.location_world, states.present, ())
         before = collisions_from_motion(seen, states.camera) if collisions is None else tuple(collisions)
         return _VelocityExplanation(self.backend.explain(states, before), before)
@@ -72,7 +78,7 @@ class _VelocityExplanation(Explanation):
         return replace(rollout, collisions=(*self._before, *later), predicted_scores=None, uncertain=None)
 
 
-def collisions_from_motion(rollout: Rollout, camera: Camera = CLEVRER_CAMERA) -> tuple[Event, ...]:
+def collisions_from_motion(rollout: Rollout, camera: Camera) -> tuple[Event, ...]:
     """Collisions in a rollout by the velocity rule of the released executor, at most one for each pair, in order of frames."""
     n, frames = rollout.visible.shape
     grid = grid_from_pixels(camera.pixels(on_ground(rollout.location_world)))

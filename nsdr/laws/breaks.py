@@ -14,12 +14,11 @@ import numpy as np
 
 from nsdr.dynamics.motion_states import UNRELIABLE_WEIGHT, MotionStates
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.sliding import fit_sliding
+from nsdr.dynamics.sliding import fit_sliding, law_of
 from nsdr.laws.stretches import CUT_GAIN, MIN_PART_POSITIONS, TrackPositions, TrackStretch, costs
 from nsdr.validation import FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FRAME_SECONDS
-from nsdr.world.vocabulary import SHAPES
 
 MIN_NOISE_WORLD, FIRST_NOISE_WORLD = 0.004, 0.005
 """Smallest standard deviation of positions, which is measured in each video, and the one with which stretches are first cut to
@@ -173,9 +172,8 @@ def positions_of(states: MotionStates, i: int, noise: float, known_ground: bool)
     box = states.box_xyxy_px[i, frames]
     near_border = ((box[:, :2] < BORDER_PX) | (np.array([WIDTH_PX, HEIGHT_PX]) - box[:, 2:] < BORDER_PX)).any(1)
     weight = np.where(near_border, UNRELIABLE_WEIGHT, states.weight[i, frames])
-    return TrackPositions(
-        i, states.objects[i].shape, frames, states.location_world[i, frames], weight, noise, known_ground
-    )
+    o, location = states.objects[i], states.location_world[i, frames]
+    return TrackPositions(i, o.shape, law_of(o, states.world), frames, location, weight, noise, known_ground)
 
 
 def cut(track: TrackPositions) -> list[TrackStretch]:
@@ -240,7 +238,7 @@ def noise_of(stretches: Iterable[TrackStretch]) -> float:
 
 
 @cached_njit
-def _best_cut(shape, seconds, location, weight, noise, least):  # type: ignore[no-untyped-def]
+def _best_cut(law, seconds, location, weight, noise, least):  # type: ignore[no-untyped-def]
     """The index of the first position after the best cut, and the cost of both sides (nats).
 
     `least` is the smallest number of positions on each side; the other arguments are those of `fit_sliding` and `costs`.
@@ -250,7 +248,7 @@ def _best_cut(shape, seconds, location, weight, noise, least):  # type: ignore[n
         total = 0.0
         for side in range(2):
             part = slice(0, k) if side == 0 else slice(k, len(seconds))
-            residual = fit_sliding(shape, seconds[part] - seconds[part][0], location[part], weight[part])[1]
+            residual = fit_sliding(law, seconds[part] - seconds[part][0], location[part], weight[part])[1]
             total += costs(residual**2, weight[part], noise).sum()
         if total < cost:
             best, cost = k, total
@@ -262,7 +260,7 @@ def _cuts(track: TrackPositions, a: int, b: int) -> list[int]:
     if b - a < 2 * MIN_PART_POSITIONS:
         return []
     seconds, location, weight = track.frames[a:b] * FRAME_SECONDS, track.location[a:b], track.weight[a:b]
-    k, cost = _best_cut(SHAPES.index(track.shape), seconds, location, weight, track.noise, MIN_PART_POSITIONS)
+    k, cost = _best_cut(track.law, seconds, location, weight, track.noise, MIN_PART_POSITIONS)
     if track.stretch(a, b).cost - cost < CUT_GAIN:
         return []
     return [*_cuts(track, a, a + k), a + k, *_cuts(track, a + k, b)]

@@ -13,6 +13,7 @@ from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Judgement, VideoProposals, VideoTracks, Violation
 from nsdr.validation import FloatArray, IntArray
 from nsdr.world.physics_constants import FPS
+from nsdr.world.world import check_as_clevrer
 
 EVEN_NATS = {
     "permanence": 6.0,
@@ -80,6 +81,7 @@ def judge_tracks(
         proposals: proposals from which the tracks were made; None for tracks from elsewhere, whose objects keep their words.
         late: (F,) delays of the frames, as in `judge_proposals`.
     """
+    check_as_clevrer(tracks.world, "the judge")
     processed = processed_frames(tracks, proposals)
     _spacing(processed)
     timing = timing_of(tracks, processed, np.zeros(tracks.n_frames) if late is None else late)

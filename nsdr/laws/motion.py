@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nsdr.dynamics.motion_states import MotionStates
-from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD
+from nsdr.dynamics.physics.bodies import corner_world
 from nsdr.laws.breaks import (
     FIRST_NOISE_WORLD,
     JUMP_FRAMES,
@@ -31,6 +31,7 @@ from nsdr.laws.stretches import CUT_GAIN, TrackStretch
 from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
 from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
+from nsdr.world.vocabulary import CLEVRER
 
 REACH_NOISE_WORLD = 0.01
 """Standard deviation of the distance at which two objects touch (world units)."""
@@ -223,7 +224,7 @@ class PiecewiseMotion:
         near = self._near(j, when)
         for one in (b.before, b.after):
             for other in near:
-                reach = 2 * OBJECT_RADIUS_WORLD + CORNER_WORLD * (one.shape, other.shape).count("cube")
+                reach = 2 * OBJECT_RADIUS_WORLD + sum(corner_world(CLEVRER.shape(s.shape)) for s in (one, other))
                 gaps = np.maximum(_distance(one, other, when) - reach, 0.0)
                 found = gaps**2 / (2 * _distance_variance(one, other, when))
                 if found.min() < nats:

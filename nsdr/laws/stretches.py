@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.stretch import CLEVRERS_GROUND, Ground, Stretch, fit_stretch, sliding_positions
+from nsdr.dynamics.sliding import Law
+from nsdr.dynamics.stretch import WORLDS_GROUND, Ground, Stretch, fit_stretch, sliding_positions
 from nsdr.validation import FloatArray
 from nsdr.world.physics_constants import FRAME_SECONDS
 
@@ -46,6 +47,7 @@ class TrackPositions:
     Attributes:
         i: id of the object.
         shape: "cube", "sphere" or "cylinder".
+        law: how it slides.
         frames: (N,) int, frames in which the object was detected.
         location: (N, 2) detected positions (world units).
         weight: (N,) weights of the positions in fits; 1 for reliable ones.
@@ -56,6 +58,7 @@ class TrackPositions:
 
     i: int
     shape: str
+    law: Law
     frames: NDArray[np.int64]
     location: FloatArray
     weight: FloatArray
@@ -65,9 +68,9 @@ class TrackPositions:
 
     def stretch(self, a: int, b: int) -> "TrackStretch":
         """Fit one stretch on CLEVRER's ground to the positions a to b - 1."""
-        fit = fit_stretch(self.shape, self.frames[a:b], self.location[a:b], self.weight[a:b])
+        fit = fit_stretch(self.law, self.frames[a:b], self.location[a:b], self.weight[a:b])
         cost = float(costs(fit.residual**2, fit.weight, self.noise).sum())
-        return self._stretch(a, b, fit.motion, fit.residual, cost, CLEVRERS_GROUND)
+        return self._stretch(a, b, fit.motion, fit.residual, cost, WORLDS_GROUND)
 
     def best_stretch(self, a: int, b: int) -> "TrackStretch":
         """Fit one stretch to the positions a to b - 1, on CLEVRER's ground or on the other ground that explains them best."""
@@ -106,7 +109,7 @@ class TrackPositions:
 
         def error(values: FloatArray) -> FloatArray:
             """Errors (2 N,) of the positions, whose squares sum to twice the cost."""
-            off = location - sliding_positions(self.shape, *unpacked(values), seconds)
+            off = location - sliding_positions(self.law, *unpacked(values), seconds)
             squares = (off**2).sum(1)
             share = np.sqrt(2 * costs(squares, weight, self.noise) / np.maximum(squares, 1e-24))
             return np.asarray((off * share[:, None]).ravel())
@@ -119,14 +122,14 @@ class TrackPositions:
         fits = [least_squares(error, start, bounds=bounds, **LEAST_SQUARES) for start in starts]
         best = min(fits, key=lambda fit: float(fit.cost))
         motion, ground = unpacked(best.x)
-        residual = np.linalg.norm(location - sliding_positions(self.shape, motion, ground, seconds), axis=1)
+        residual = np.linalg.norm(location - sliding_positions(self.law, motion, ground, seconds), axis=1)
         return self._stretch(a, b, motion, residual, float(best.cost), ground)
 
     def _stretch(
         self, a: int, b: int, motion: FloatArray, residual: FloatArray, cost: float, ground: Ground
     ) -> "TrackStretch":
         """The stretch of the positions a to b - 1 with a fit."""
-        of_positions = self.shape, self.frames[a:b], self.weight[a:b]
+        of_positions = self.law, self.frames[a:b], self.weight[a:b]
         return TrackStretch(*of_positions, motion, residual, ground, track=self, a=a, b=b, cost=cost)
 
     def _seconds(self, a: int, b: int) -> FloatArray:
@@ -151,6 +154,11 @@ class TrackStretch(Stretch):
     b: int
     cost: float
     gain: float = 0.0
+
+    @property
+    def shape(self) -> str:
+        """The word of the object's shape."""
+        return self.track.shape
 
     @property
     def other_ground_frames(self) -> tuple[int, int]:

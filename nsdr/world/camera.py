@@ -324,10 +324,10 @@ def _expected_error(parameters: FloatArray, jacobian: FloatArray) -> float:
     return float(np.sqrt(np.median(variance[seen]))) if seen.any() else math.inf
 
 
-def on_ground(location_world: ArrayLike) -> FloatArray:
-    """Ground-plane positions (..., 2) -> centres (..., 3) of objects standing there."""
+def on_ground(location_world: ArrayLike, height_world: float = OBJECT_RADIUS_WORLD) -> FloatArray:
+    """Ground-plane positions (..., 2) -> centres (..., 3), at `height_world`, of objects standing there."""
     xy = np.asarray(location_world, float)
-    return np.concatenate([xy, np.full((*xy.shape[:-1], 1), OBJECT_RADIUS_WORLD)], -1)
+    return np.concatenate([xy, np.full((*xy.shape[:-1], 1), height_world)], -1)
 
 
 def grid_from_pixels(pixels: ArrayLike) -> FloatArray:

@@ -12,6 +12,10 @@ DECIMALS = 12
 """Products of settings are rounded to so many decimals, so that 0.8 times 0.8 is 0.64."""
 
 
+CONTACT_PAUSE_SECONDS = 0.28
+"""Two objects that touch after more than this time without contact have collided again."""
+
+
 @dataclass(frozen=True)
 class Physics(Checked):
     """How objects move, in Bullet's terms. CLEVRER's values were recovered from the release's annotation files.
@@ -50,6 +54,22 @@ class Physics(Checked):
             low, high = getattr(self, name)
             if low > high:
                 raise DataError(f"physics: {name}: expected the smaller number first, got {low:g} and {high:g}")
+
+    @property
+    def log_mass_std(self) -> float:
+        """Standard deviation of the natural logarithm of masses in `mass_range`, to two decimals and at least 0.01."""
+        low, high = self.mass_range
+        return max(round((high - low) / (high + low) / 3**0.5, 2), 0.01)
+
+    @property
+    def contact_pause_steps(self) -> int:
+        """`CONTACT_PAUSE_SECONDS` in steps: 70 in CLEVRER."""
+        return round(CONTACT_PAUSE_SECONDS / self.step_seconds)
+
+    @property
+    def contact_pause_frames(self) -> int:
+        """The same in whole frames."""
+        return self.contact_pause_steps // self.steps_per_frame
 
     @property
     def frame_seconds(self) -> float:

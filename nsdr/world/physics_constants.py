@@ -34,16 +34,6 @@ GROUND_HALF_WIDTH_WORLD = _PHYSICS.table_half_width_world
 """The ground reaches this far from the origin along x and y (world units)."""
 GROUND_RESTITUTION = _PHYSICS.table_restitution
 """Coefficient of restitution of the ground."""
-ERROR_REDUCTION = 0.08
-"""Bullet's default error reduction parameter (ERP): the fraction of a penetration that is corrected per step."""
-CONTACT_THRESHOLD_WORLD = 0.02 * 0.348
-"""Gap below which Bullet handles a contact (world units): 0.02 of the hulls' angular motion disc (0.348)."""
-CONTACT_PAUSE_STEPS = 70
-"""Two objects that touch after more than this number of steps without contact have collided again."""
-MIN_REBOUND_SPEED = 0.2
-"""Approach speed (world units/s) below which Bullet applies no restitution."""
-HULL_MARGIN_WORLD = 0.001
-"""Bullet's collision margin around every convex hull (world units)."""
 
 OBJECT_RADIUS_WORLD = _VOCABULARY.shapes[0].size_world[0] / 2
 """Radius or half the edge length of every object, and the height of its centre above the ground (world units)."""

@@ -1,6 +1,7 @@
 """A world as one value: its words, its physics, time in its videos, and the camera. The defaults are CLEVRER's."""
 
 from dataclasses import dataclass, field, fields
+from typing import NamedTuple
 
 from nsdr.errors import DataError
 from nsdr.validation import Checked
@@ -10,6 +11,22 @@ from nsdr.world.layout import Layout
 from nsdr.world.look import Look
 from nsdr.world.physics import Physics, Timeline
 from nsdr.world.vocabulary import Vocabulary
+
+
+class Scales(NamedTuple):
+    """How many times as large a world is as CLEVRER's: thresholds that were set on CLEVRER's videos are multiplied by these.
+
+    All are exactly 1 for CLEVRER.
+
+    Attributes:
+        size: width of the narrowest shape.
+        speed: fastest start.
+        step: distance at the fastest start in a step of the simulation.
+    """
+
+    size: float
+    speed: float
+    step: float
 
 
 @dataclass(frozen=True)
@@ -46,6 +63,12 @@ class World(Checked):
         check_in_view(self.layout, self.camera)
         check_motion(self.vocabulary, self.physics)
 
+    @property
+    def scales(self) -> Scales:
+        """How many times as large the world is as CLEVRER's."""
+        sizes = zip(_measures(self), _measures(CLEVRER_WORLD), strict=True)
+        return Scales(*(mine / clevrers for mine, clevrers in sizes))
+
     def differences(self, other: "World") -> list[str]:
         """Names of the values that differ between two worlds, such as "physics.gravity"; that of the world is not compared."""
         found = []
@@ -56,10 +79,17 @@ class World(Checked):
         return found
 
 
+def _measures(world: World) -> tuple[float, float, float]:
+    """What the fields of `Scales` compare (world units, world units/s)."""
+    width = min(width for shape in world.vocabulary.shapes for width in shape.size_world[:2])
+    fastest = world.physics.start_speed_world_per_s[1]
+    return width, fastest, fastest * world.physics.step_seconds
+
+
 CLEVRER_WORLD = World()
 
 
-def check_as_clevrer(world: World, what: str, free: tuple[str, ...]) -> None:
+def check_as_clevrer(world: World, what: str, free: tuple[str, ...] = ("vocabulary.colors", "camera.")) -> None:
     """Raise `DataError` unless a world is CLEVRER's but for some of its values.
 
     Args:

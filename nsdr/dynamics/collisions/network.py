@@ -20,6 +20,7 @@ from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
 from nsdr.types import Event
 from nsdr.validation import Settings, Size
+from nsdr.world.world import check_as_clevrer
 
 STEP_FRAMES = 2
 """Number of frames in a step of the output."""
@@ -118,6 +119,7 @@ class TrackCollisionDetector(PretrainedPart[CollisionNetwork]):
     @torch.no_grad()
     def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
         """For every pair that comes near each other, its most probable collision and its probability, in order of frames."""
+        check_as_clevrer(states.world, "the collision network")
         pairs = near_pairs(states.location_world)
         if not len(pairs):
             return []

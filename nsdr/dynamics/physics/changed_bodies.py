@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.interventions import changed_ids, with_added
+from nsdr.dynamics.physics.bodies import body_records
 from nsdr.dynamics.physics.body_state import POSITION, SPIN, STATE_SIZE, VELOCITY
 from nsdr.dynamics.physics.contact_geometry import outline_gap
 from nsdr.dynamics.physics.simulator import BodyStates
 from nsdr.errors import DataError
 from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, check_position, check_speed
-from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
-from nsdr.world.vocabulary import SHAPES
+from nsdr.world.world import World
 
 FROZEN_MASS = 1e9
 """Relative mass of frozen objects; other objects rebound from them as from a wall."""
@@ -44,13 +44,16 @@ class ChangedBodies:
     exact_mass: NDArray[np.bool_]
 
 
-def change_bodies(bodies: BodyStates, objects: Sequence[SceneObject], changes: Sequence[Intervention]) -> ChangedBodies:
+def change_bodies(
+    bodies: BodyStates, objects: Sequence[SceneObject], changes: Sequence[Intervention], world: World
+) -> ChangedBodies:
     """Apply interventions to the bodies.
 
     Args:
         bodies: the bodies of the scene in the frame of the interventions.
         objects: the objects of the scene.
         changes: interventions whose `object` is an id.
+        world: the world of the scene.
 
     Raises:
         DataError: an object would overlap another one, leave the ground or be too fast, or it is at rest and so has no
@@ -58,11 +61,10 @@ def change_bodies(bodies: BodyStates, objects: Sequence[SceneObject], changes: S
     """
     everything, ids = with_added(objects, changes), changed_ids(changes, objects)
     n, extra, names = len(everything), len(everything) - len(objects), [o.name for o in everything]
-    shape = np.array([SHAPES.index(o.shape) for o in everything], np.int64)
     state, mass = np.pad(bodies.state, [(0, extra), (0, 0)]), np.pad(bodies.mass, (0, extra), constant_values=1.0)
     simulated, reweighed, exact_mass = np.zeros((3, n), bool)
     changed = ChangedBodies(
-        BodyStates(shape, state, mass),
+        BodyStates(body_records(everything, world), state, mass),
         np.ones(n, bool),
         simulated,
         reweighed,
@@ -70,7 +72,7 @@ def change_bodies(bodies: BodyStates, objects: Sequence[SceneObject], changes: S
         exact_mass,
     )
     for i, change in zip(ids, changes, strict=True):
-        _apply(changed, i, change, names[i])
+        _apply(changed, i, change, names[i], world)
         if isinstance(change, Remove):
             changed.exists[i] = False
     for i, change in zip(ids, changes, strict=True):
@@ -79,7 +81,7 @@ def change_bodies(bodies: BodyStates, objects: Sequence[SceneObject], changes: S
     return changed
 
 
-def _apply(changed: ChangedBodies, i: int, change: Intervention, name: str) -> None:
+def _apply(changed: ChangedBodies, i: int, change: Intervention, name: str, world: World) -> None:
     """Change body i in place. Changes of one object concern different parts of its state, so their order does not matter."""
     state, mass, exact = changed.bodies.state[i], changed.bodies.mass, changed.exact[i]
     changed.simulated[i] |= isinstance(change, SetVelocity | Move | Freeze | Add)
@@ -87,7 +89,7 @@ def _apply(changed: ChangedBodies, i: int, change: Intervention, name: str) -> N
         mass[i] *= change.factor
         changed.reweighed[i] = change.factor != 1
     elif isinstance(change, SetVelocity):
-        state[VELOCITY] = _velocity(change, state[VELOCITY], name)
+        state[VELOCITY] = _velocity(change, state[VELOCITY], name, world)
         is_given = change.vx is not None or None not in (change.speed, change.direction)
         exact[VELOCITY] = is_given or not state[VELOCITY].any()
     elif isinstance(change, Move):
@@ -104,14 +106,14 @@ def _apply(changed: ChangedBodies, i: int, change: Intervention, name: str) -> N
         exact[POSITION], exact[VELOCITY], changed.exact_mass[i] = True, True, True
 
 
-def _velocity(change: SetVelocity, now: NDArray[Any], name: str) -> NDArray[Any]:
+def _velocity(change: SetVelocity, now: NDArray[Any], name: str, world: World) -> NDArray[Any]:
     """The velocity (2,) of an object after an intervention, given its velocity `now` (2,) before it (world units/s)."""
     if change.vx is not None and change.vy is not None:
         return np.array([change.vx, change.vy])
     speed = float(np.hypot(*now))
     if 0 in (change.speed, change.factor):
         return np.zeros(2)
-    if change.direction is None and speed < MOVING_SPEED_WORLD_PER_S:
+    if change.direction is None and speed < world.physics.moving_speed_world_per_s:
         raise DataError(
             f"SetVelocity {name}: it is at rest ({speed:.3f} world units per second), so it has no direction to keep; "
             "expected vx and vy, or speed and direction"
@@ -128,7 +130,7 @@ def _check_free(changed: ChangedBodies, i: int, names: Sequence[str]) -> None:
     """Raise `DataError` if object i, which was moved or added, would overlap another object."""
     bodies = changed.bodies
     for j in np.flatnonzero(changed.exists).tolist():
-        gap = float(outline_gap(bodies.shape, bodies.state, i, j)[0]) if j != i else 0.0
+        gap = float(outline_gap(bodies.body, bodies.state, i, j)[0]) if j != i else 0.0
         if gap < 0:
             (x, y), (other_x, other_y) = bodies.state[[i, j], POSITION].tolist()
             raise DataError(

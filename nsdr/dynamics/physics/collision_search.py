@@ -28,7 +28,7 @@ BIAS, NETWORK_WEIGHT, GAP_WEIGHT = 0.623, 0.636, -42.6
 MAX_LOG_ODDS = 12.0
 """The log-odds of the detector are clamped to ± this value."""
 MAX_GAP_WORLD = 0.3
-"""Upper limit to which gaps are clamped (world units)."""
+"""Upper limit to which gaps are clamped (world units in CLEVRER)."""
 NEAREST_FRAMES = 3
 """Number of frames, those with the nearest centres, in which the gap between outlines is computed."""
 
@@ -39,23 +39,25 @@ class CollisionEvidence:
 
     Attributes:
         network: log-odds by the detector.
-        gap: smallest gap between the bodies in the run fitted with the collision (world units; 0 if they touch), times the
-            weight 1 / (1 + (cost / `GOOD_COST`)²). So a fit that did not converge gives no evidence.
+        gap: smallest gap between the bodies in the run fitted with the collision (0 if they touch; world units in CLEVRER,
+            elsewhere in proportion to the size of objects), times the weight 1 / (1 + (cost / `GOOD_COST`)²). So a fit that did
+            not converge gives no evidence.
     """
 
     network: float
     gap: float
 
     @classmethod
-    def of(cls, pair: Pair, probability: float, given: TrajectoryFit) -> "CollisionEvidence":
+    def of(cls, pair: Pair, probability: float, given: TrajectoryFit, size: float) -> "CollisionEvidence":
         """The evidence for a collision of a pair.
 
         Args:
             pair: ids of the two objects.
             probability: probability of the collision by the detector.
             given: the fit with the collision.
+            size: see `nsdr.world.world.Scales`.
         """
-        return cls(log_odds(probability), closest_gap(given, pair) / (1 + (given.cost / GOOD_COST) ** 2))
+        return cls(log_odds(probability), closest_gap(given, pair, size) / (1 + (given.cost / GOOD_COST) ** 2))
 
     @property
     def probability(self) -> float:
@@ -70,15 +72,18 @@ def log_odds(probability: float) -> float:
     return min(max(math.log(p / (1 - p)), -MAX_LOG_ODDS), MAX_LOG_ODDS)
 
 
-def closest_gap(fit: TrajectoryFit, pair: Pair) -> float:
-    """Smallest gap between two outlines in a fitted run (world units), at most `MAX_GAP_WORLD`; 0 if the pair touches."""
+def closest_gap(fit: TrajectoryFit, pair: Pair, size: float) -> float:
+    """Smallest gap between two outlines in a fitted run, at most `MAX_GAP_WORLD`; 0 if the pair touches.
+
+    It is in world units divided by `size` (see `nsdr.world.world.Scales`).
+    """
     if _meet(fit, pair):
         return 0.0
     two = list(pair)
     apart = np.diff(fit.states[two, :, POSITION], axis=0)[0]
     nearest = np.argsort(np.linalg.norm(apart, axis=-1))[:NEAREST_FRAMES]
-    gaps = [float(outline_gap(fit.bodies.shape[two], fit.states[two, frame], 0, 1)[0]) for frame in nearest]
-    return max(min(MAX_GAP_WORLD, *gaps), 0.0)
+    gaps = [float(outline_gap(fit.bodies.body[two], fit.states[two, frame], 0, 1)[0]) for frame in nearest]
+    return max(min(MAX_GAP_WORLD, *(gap / size for gap in gaps)), 0.0)
 
 
 def _meet(fit: TrajectoryFit, pair: Pair) -> bool:
@@ -145,7 +150,7 @@ class CollisionSearch:
             again = self._fit(given, self.fitted(without))
             if again.cost < self.fitted(given).cost:
                 self._fits[given] = again
-        return CollisionEvidence.of(pair, self.probability[event], self.fitted(given))
+        return CollisionEvidence.of(pair, self.probability[event], self.fitted(given), self.states.world.scales.size)
 
 
 class FoundCollisions(NamedTuple):

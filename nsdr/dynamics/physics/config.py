@@ -23,7 +23,7 @@ class PhysicsConfig(Settings):
         position_noise_world: error of the position of a detection (world units). All errors are scales of Student's t.
         yaw_noise: error of yaws (radians).
         mass_noise: error of the log masses of objects that were seen to collide; other log masses have the error
-            `LOG_MASS_STD`.
+            `Physics.log_mass_std` of their world.
         collision_threshold: probability above which a collision counts.
         seed: seed of the perturbations.
         trials: maximum number of fits with other collisions, in addition to the first fit.

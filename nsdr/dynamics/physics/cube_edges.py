@@ -1,16 +1,14 @@
-"""The left and right edges of a cube in the image, which show its yaw. Compiled by Numba."""
+"""The left and right edges of a box in the image, which show its yaw. Compiled by Numba."""
 
 import numpy as np
 
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.physics.contact_geometry import CUBE_CYCLE, CUBE_OUTLINE
+from nsdr.dynamics.physics.bodies import CYCLE
 from nsdr.world.camera import Camera
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 
 EDGES_PX = (-0.3, -0.6)
 """Offsets of the left and right edges of real masks of cubes from those of the drawn outline (pixels; medians of ten
 scenes)."""
-_OUTLINE = CUBE_OUTLINE[CUBE_CYCLE]
 _MIN_DEPTH_WORLD = 0.1
 """Smallest depth that is projected (world units)."""
 
@@ -21,9 +19,9 @@ def projection_rows(camera: Camera) -> tuple[float, ...]:
 
 
 @cached_njit
-def _column(projection, x, y, c, s, k, z):  # type: ignore[no-untyped-def]
-    """Image column and depth of point k, at height z, of the outline of a cube at (x, y) with yaw cosine c and sine s."""
-    kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
+def _column(projection, outline, x, y, c, s, k, z):  # type: ignore[no-untyped-def]
+    """Image column and depth of point k, at height z, of the outline of a box at (x, y) with yaw cosine c and sine s."""
+    kx, ky = outline[CYCLE[k], 0], outline[CYCLE[k], 1]
     px, py = x + c * kx - s * ky, y + s * kx + c * ky
     depth = projection[4] * px + projection[5] * py + projection[6] * z + projection[7]
     depth = max(depth, _MIN_DEPTH_WORLD)
@@ -32,29 +30,30 @@ def _column(projection, x, y, c, s, k, z):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def cube_edges_px(projection, x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def]
-    """Left and right edges of a cube in the image (pixels).
+def box_edges_px(projection, box, x, y, yaw, start, derivatives):  # type: ignore[no-untyped-def]
+    """Left and right edges of a box in the image (pixels).
 
     The outline is convex, so its outermost points are found by climbing along it.
 
     Args:
         projection: rows of the projection, see `projection_rows`.
-        x, y, yaw: position and yaw of the cube (world units, radians).
-        start: (2, 2) int, outline points at the left and right edge (first index), at the bottom and top of the cube (second
+        box: its record of `BODY`.
+        x, y, yaw: position and yaw of the box (world units, radians).
+        start: (2, 2) int, outline points at the left and right edge (first index), at the bottom and top of the box (second
             index), from which the search starts. They are replaced by the points that are found.
         derivatives: (2, 3) derivatives of the edges with respect to x, y and yaw, which are written.
     """
-    c, s, n = np.cos(yaw), np.sin(yaw), len(_OUTLINE)
+    c, s, n, outline = np.cos(yaw), np.sin(yaw), len(CYCLE), box.outline
     edges = (np.inf, np.inf)
     for side in range(2):
         sign, best = (1.0 if side else -1.0), -np.inf
         for top in range(2):
-            k, z = start[side, top], 2 * OBJECT_RADIUS_WORLD * top
-            column, depth = _column(projection, x, y, c, s, k, z)
+            k, z = start[side, top], box.height * top
+            column, depth = _column(projection, outline, x, y, c, s, k, z)
             for turn in (1, n - 1):
                 while True:
                     following = (k + turn) % n
-                    other, other_depth = _column(projection, x, y, c, s, following, z)
+                    other, other_depth = _column(projection, outline, x, y, c, s, following, z)
                     if sign * other <= sign * column:
                         break
                     k, column, depth = following, other, other_depth
@@ -63,7 +62,7 @@ def cube_edges_px(projection, x, y, yaw, start, derivatives):  # type: ignore[no
                 best = sign * column
                 by_x = (projection[0] - column * projection[4]) / depth
                 by_y = (projection[1] - column * projection[5]) / depth
-                kx, ky = _OUTLINE[k, 0], _OUTLINE[k, 1]
+                kx, ky = outline[CYCLE[k], 0], outline[CYCLE[k], 1]
                 derivatives[side, 0], derivatives[side, 1] = by_x, by_y
                 derivatives[side, 2] = by_x * (-s * kx - c * ky) + by_y * (c * kx - s * ky)
         edges = (edges[1], sign * best)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit, inlined_njit
 from nsdr.dynamics.physics.body_state import SPIN, STATE_SIZE, YAW, X, Y
-from nsdr.dynamics.physics.contact_geometry import CUBE
-from nsdr.dynamics.physics.cube_edges import cube_edges_px
+from nsdr.dynamics.physics.cube_edges import box_edges_px
+from nsdr.dynamics.physics.forces import pair_restitution
 from nsdr.dynamics.physics.sensitive_run import (
     advance,
     copy_state,
@@ -28,17 +28,17 @@ from nsdr.dynamics.physics.sensitive_run import (
     state_at,
 )
 from nsdr.dynamics.physics.simulator import NO_CONTACT
-from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS, STEPS_PER_FRAME
 
-MAX_FITTED_REBOUND = 0.8
-"""Largest rebound of a fit, a ratio of separation speed to approach speed (Bullet's coefficient of restitution is 0.64)."""
-REBOUND = 0.4
-"""Rebound of pairs that were not expected to collide, and prior mean of the rebound of the others. Set, like
-`POSITION_NOISE_WORLD`, `EDGE_NOISE_PX` and `ROBUST_SCALE`, on left-out scenes of `train`."""
+MAX_FITTED_REBOUND = 1.25
+"""Largest rebound of a fit, a ratio of separation speed to approach speed, as a multiple of the pair's coefficient of
+restitution: 0.8 in CLEVRER."""
+REBOUND = 0.625
+"""Rebound of pairs that were not expected to collide, and prior mean of the rebound of the others, as a multiple of the same:
+0.4 in CLEVRER. Set, like `POSITION_NOISE_WORLD`, `EDGE_NOISE_PX` and `ROBUST_SCALE`, on left-out scenes of `train`."""
 POSITION_NOISE_WORLD = 0.01
-"""Standard deviation of reliable positions (world units)."""
+"""Standard deviation of reliable positions (world units in CLEVRER)."""
 EDGE_NOISE_PX = 2.0
-"""Standard deviation of the left and right edges of the boxes of cubes, which depend on the yaw (pixels)."""
+"""Standard deviation of the left and right edges of boxes, which depend on the yaw (pixels)."""
 ROBUST_SCALE = 2.0
 """Residuals beyond this many standard deviations are weighted down (soft L1)."""
 LOG_MASS, PAIR_REBOUND = SPIN + 1, SPIN + 2
@@ -51,19 +51,20 @@ class FitProblem(NamedTuple):
     """The measurements, and the meaning of each of the P parameters.
 
     Attributes:
-        shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
+        body: (n,) records of `BODY`.
         reference_s: (n,) times at which the parameters give the positions and velocities of the objects (s).
         position: (n, F, 2) measured positions (world units).
         root_weight: (n, F) square roots of the weights of the measurements; 0 where nothing was measured.
-        edges_px: (n, F, 2) measured left and right edges of the boxes, which are fitted for cubes (pixels).
+        edges_px: (n, F, 2) measured left and right edges of the boxes, which are fitted for boxes (pixels).
         parameters: (P, 3) int, the kind of each parameter (a column of the state, `LOG_MASS` or `PAIR_REBOUND`), its object,
             and for `PAIR_REBOUND` the other object, otherwise `NO_OBJECT`.
         unit: (P,) units of the parameters: a value is parameter · unit.
         prior: (P, 2) mean and standard deviation of the prior of each value; infinite for values without a prior.
+        noise: standard deviation of reliable positions (world units).
         projection: rows of the projection, see `nsdr.dynamics.physics.cube_edges.projection_rows`.
     """
 
-    shape: NDArray[np.int64]
+    body: NDArray[np.void]
     reference_s: NDArray[np.float64]
     position: NDArray[np.float64]
     root_weight: NDArray[np.float64]
@@ -71,6 +72,7 @@ class FitProblem(NamedTuple):
     parameters: NDArray[np.int64]
     unit: NDArray[np.float64]
     prior: NDArray[np.float64]
+    noise: float
     projection: tuple[float, ...]
 
 
@@ -83,7 +85,7 @@ class Sums(NamedTuple):
         curvature: (P, P) curvature of the sum of the losses.
         motion: (n, F, 6) states in every frame.
         next_frame: (n,) the first frame of each object whose data are not summed yet.
-        outermost: (n, 2, 2) outermost outline points of each cube in the last frame, see `cube_edges_px`.
+        outermost: (n, 2, 2) outermost outline points of each box in the last frame, see `box_edges_px`.
     """
 
     loss: NDArray[np.float64]
@@ -115,6 +117,13 @@ class _SegmentSums(NamedTuple):
 
 
 @cached_njit
+def rebounds(one, other):  # type: ignore[no-untyped-def]
+    """`REBOUND` and `MAX_FITTED_REBOUND` of two bodies, as ratios of separation speed to approach speed."""
+    restitution = pair_restitution(one, other)
+    return REBOUND * restitution, min(MAX_FITTED_REBOUND * restitution, 1.0)
+
+
+@cached_njit
 def _soft_l1(residual):  # type: ignore[no-untyped-def]
     """Robust loss of a residual r, and its first and second derivative.
 
@@ -129,7 +138,7 @@ def _add_datum(p, i, frame, state, derivatives, sums, segment):  # type: ignore[
     """Add the measurement of body i in a frame to the sums of a run and of a segment.
 
     With the pose q = (x, y, yaw) of the predicted `state` (6,), its `derivatives` (6, 6) with respect to the state s at the
-    start of the segment, and r the residuals of the measured position and, for cubes, edges:
+    start of the segment, and r the residuals of the measured position and, for boxes, edges:
 
         gradient += (∂q/∂s)ᵀ Σ ρ'(r) ∂r/∂q
         curvature += (∂q/∂s)ᵀ (Σ ρ''(r) ∂r/∂q (∂r/∂q)ᵀ) ∂q/∂s
@@ -143,16 +152,18 @@ def _add_datum(p, i, frame, state, derivatives, sums, segment):  # type: ignore[
     slope, bend, edge_derivatives = segment.pose_gradient, segment.pose_curvature, segment.edge_derivatives
     for a in range(3):
         slope[a] = bend[a, 0] = bend[a, 1] = bend[a, 2] = 0.0
-    scale = root_weight / POSITION_NOISE_WORLD
+    scale = root_weight / p.noise
     for k in range(2):
         value, first, second = _soft_l1((state[X + k] - position[k]) * scale)
         loss[0] += value
         slope[k] += first * scale
         bend[k, k] += second * scale * scale
     loss[1] += 2
-    if p.shape[i] == CUBE:
+    if p.body[i].is_box:
         scale = root_weight / EDGE_NOISE_PX
-        edges = cube_edges_px(p.projection, state[X], state[Y], state[YAW], sums.outermost[i], edge_derivatives)
+        edges = box_edges_px(
+            p.projection, p.body[i], state[X], state[Y], state[YAW], sums.outermost[i], edge_derivatives
+        )
         for side in range(2):
             value, first, second = _soft_l1((edges[side] - edges_px[side]) * scale)
             loss[0] += value
@@ -196,9 +207,9 @@ def _add_segment(sums, segment, sensitivity):  # type: ignore[no-untyped-def]
 def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def]
     """Sum the data in the segment of body i up to a time (s), and move the start of the segment to that time."""
     motion, root_weight = sums.motion[i], p.root_weight[i]
-    shape, state, start, spinning = bodies.shape[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf
+    body, state, start, spinning = bodies.body[i], bodies.state[i], bodies.start[i], bodies.end[i] < np.inf
     begin = end = sums.next_frame[i]
-    while end < len(motion) and end * FRAME_SECONDS < seconds:
+    while end < len(motion) and end * body.law.frame_seconds < seconds:
         end += 1
     derivatives = np.empty((end - begin + 1 if spinning else 1, STATE_SIZE, STATE_SIZE))
     if spinning:
@@ -208,12 +219,12 @@ def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def
         np.zeros(STATE_SIZE), np.zeros((STATE_SIZE, STATE_SIZE)), np.empty(3), np.empty((3, 3)), np.empty((2, 3))
     )
     for k in range(begin, end + 1):
-        when = k * FRAME_SECONDS if k < end else seconds
+        when = k * body.law.frame_seconds if k < end else seconds
         here = derivatives[k - begin if spinning else 0]
         if spinning:
             state_at(bodies, i, when, after)
         else:
-            slide_derivatives(shape, state, when - start, after, here)
+            slide_derivatives(body.law, state, when - start, after, here)
         if k == end:
             _add_segment(sums, segment, bodies.sensitivity[i])
             advance(bodies, i, seconds, after, here)
@@ -227,7 +238,7 @@ def _finish_segment(p, bodies, sums, i, seconds):  # type: ignore[no-untyped-def
 @cached_njit
 def _start(p, x, horizon):  # type: ignore[no-untyped-def]
     """The bodies that the parameters `x` (P,) describe, at their reference times, for a run up to the time `horizon` (s)."""
-    bodies = new_bodies(p.shape, len(x), int(horizon / STEP_SECONDS) + 1)
+    bodies = new_bodies(p.body, len(x), int(horizon / p.body[0].step_seconds) + 1)
     bodies.start[:] = p.reference_s
     for k in range(len(x)):
         kind, i = p.parameters[k, 0], p.parameters[k, 1]
@@ -242,14 +253,15 @@ def _start(p, x, horizon):  # type: ignore[no-untyped-def]
 @cached_njit
 def _contact(p, bodies, x, i, j, touched):  # type: ignore[no-untyped-def]
     """Apply the contact of bodies i and j, i < j. A pair that has already touched does not rebound again."""
-    rebound, by_parameter = REBOUND, np.zeros((3, len(x)))
+    rebound, most = rebounds(p.body[i], p.body[j])
+    by_parameter = np.zeros((3, len(x)))
     for k in range(len(x)):
         kind, one, other = p.parameters[k]
         if kind == LOG_MASS and one in (i, j):
             by_parameter[0 if one == i else 1, k] = bodies.mass[one] * p.unit[k]
         elif kind == PAIR_REBOUND and one == i and other == j:
             given = x[k] * p.unit[k]
-            rebound = min(max(given, 0.0), MAX_FITTED_REBOUND)
+            rebound = min(max(given, 0.0), most)
             by_parameter[2, k] = p.unit[k] if rebound == given else 0.0
     if touched:
         rebound, by_parameter[2] = 0.0, 0.0
@@ -266,7 +278,7 @@ def _search(bodies, i, contacts, last_contact, when, since, horizon):  # type: i
     for k in range(len(bodies.start)):
         if k != i:
             a, b = min(i, k), max(i, k)
-            ready = last_contact[a, b] + contacts[a, b] * STEP_SECONDS
+            ready = last_contact[a, b] + contacts[a, b] * bodies.body[a].step_seconds
             until = min(horizon, min(bodies.end[a], bodies.end[b]))
             when[a, b] = find_contact(bodies, a, b, max(since, ready), until)
 
@@ -315,7 +327,8 @@ def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
         The mean loss; its gradient (P,); its curvature (P, P); the states (n, n_frames, 6); and the frames of the first contact
         of each pair (n, n), or `NO_CONTACT`.
     """
-    n, horizon = len(p.shape), (n_frames - 1) * FRAME_SECONDS
+    n, step_seconds, steps_per_frame = len(p.body), p.body[0].step_seconds, p.body[0].steps_per_frame
+    horizon = (n_frames - 1) * p.body[0].law.frame_seconds
     bodies = _start(p, x, horizon)
     sums = Sums(
         np.zeros(2),
@@ -335,7 +348,7 @@ def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
         now, a, b = _next_event(when, bodies.end)
         last = now >= horizon
         if last:
-            now = horizon + STEP_SECONDS / 2
+            now = horizon + step_seconds / 2
         for i in range(n):
             concerned[i] = last or i in (a, b)
             if concerned[i]:
@@ -345,8 +358,8 @@ def evaluate(p, x, n_frames):  # type: ignore[no-untyped-def]
         if a != b:
             _contact(p, bodies, x, a, b, contacts[a, b] > 0)
             if contacts[a, b] == 0:
-                step = int(now / STEP_SECONDS) + 1
-                first_contact[a, b] = first_contact[b, a] = int(step / STEPS_PER_FRAME + 0.5)
+                step = int(now / step_seconds) + 1
+                first_contact[a, b] = first_contact[b, a] = int(step / steps_per_frame + 0.5)
             contacts[a, b] += 1
             last_contact[a, b] = now
         for i in range(n):

@@ -30,13 +30,6 @@ from nsdr.dynamics.track_smoothing import SmoothedTracks, with_smoothed_tracks
 from nsdr.types import Event, ObjectPhysics, Rollout, SceneObject, UncertainEvent
 from nsdr.types.interventions import Intervention
 from nsdr.validation import BoolArray, FloatArray, IntArray
-from nsdr.world.physics_constants import (
-    CONTACT_PAUSE_STEPS,
-    FRAME_SECONDS,
-    LOG_MASS_STD,
-    OBJECT_RADIUS_WORLD,
-    STEPS_PER_FRAME,
-)
 
 MIN_PROBABILITY = 0.005
 """An event that is less probable than this is ruled out, and one that is more probable than 1 - this is certain."""
@@ -45,12 +38,13 @@ DEGREES_OF_FREEDOM = 4
 Set, like `MAX_POSITION_ERROR_WORLD`, `MAX_VELOCITY_ERROR_WORLD_PER_S` and the noise in `PhysicsConfig`, on truncated real
 scenes of `train` and on generated scenes with an object removed."""
 MAX_POSITION_ERROR_WORLD, MAX_VELOCITY_ERROR_WORLD_PER_S = 0.05, 0.4
-"""Largest errors of the position and velocity of a stretch (world units, world units/s)."""
+"""Largest errors of the position and velocity of a stretch (world units, world units/s in CLEVRER)."""
 VELOCITY_ERROR_WORLD_PER_S = 0.02
-"""Standard deviation of each component of the observed velocities (world units/s), rounded: 95 % of the errors of speeds are
-within 1.645 standard deviations (`python -m benchmarks.extensions DATA PROPOSALS --scenes 70 --errors`)."""
+"""Standard deviation of each component of the observed velocities (world units/s in CLEVRER), rounded: 95 % of the errors of
+speeds are within 1.645 standard deviations (`python -m benchmarks.extensions DATA PROPOSALS --scenes 70 --errors`)."""
 CLOSENESS_WORLD = 0.4
-"""Length scale of the closest approach in the score that orders pairs that collide in equally many runs (world units)."""
+"""Length scale of the closest approach in the score that orders pairs that collide in equally many runs (world units in
+CLEVRER)."""
 
 
 class FittedScene(Explanation):
@@ -67,9 +61,11 @@ class FittedScene(Explanation):
         self, states: MotionStates, smoothed: SmoothedTracks, found: FoundCollisions, config: PhysicsConfig
     ) -> None:
         fitted, observed = self.fitted, self.collisions = found.fit, found.collisions
+        self.scales = states.world.scales
+        self.radius = np.array([states.world.vocabulary.shape(o.shape).radius_world for o in states.objects])
         physics = ObjectPhysics(
             smoothed.velocity_world_per_s.astype(np.float32),
-            VELOCITY_ERROR_WORLD_PER_S,
+            VELOCITY_ERROR_WORLD_PER_S * self.scales.speed,
             np.log(fitted.bodies.mass),
             fitted.log_mass_covariance,
         )
@@ -84,7 +80,7 @@ class FittedScene(Explanation):
         met = {i for e in observed for i in e.objects}
         # Each run draws its masses, positions, velocities and yaws in this order.
         noise = np.random.default_rng(config.seed).standard_t(DEGREES_OF_FREEDOM, size=(config.runs - 1, 6 * n))
-        mass_noise = np.array([config.mass_noise if i in met else LOG_MASS_STD for i in range(n)])
+        mass_noise = np.array([config.mass_noise if i in met else states.world.physics.log_mass_std for i in range(n)])
         place, velocity = (part.reshape(-1, n, 1, 2) for part in np.split(noise[:, n : 5 * n], 2, axis=1))
         state = self._state_errors(place, velocity, noise[:, 5 * n :, None])
         self.perturbations = Perturbations(state, np.exp(mass_noise * noise[:, :n]))
@@ -106,17 +102,16 @@ class FittedScene(Explanation):
             velocity: (R, n, 1, 2) standardised errors of velocities.
             yaw: (R, n, 1) standardised errors of yaws.
         """
-        noise, shape = self.config.position_noise_world, (len(self.objects), self.n_frames)
-        place_error, velocity_error = (
-            np.full(shape, MAX_POSITION_ERROR_WORLD),
-            np.full(shape, MAX_VELOCITY_ERROR_WORLD_PER_S),
-        )
+        noise, shape = self.config.position_noise_world * self.scales.size, (len(self.objects), self.n_frames)
+        most = MAX_POSITION_ERROR_WORLD * self.scales.size, MAX_VELOCITY_ERROR_WORLD_PER_S * self.scales.speed
+        place_error, velocity_error = np.full(shape, most[0]), np.full(shape, most[1])
+        frame_seconds = self.world.physics.frame_seconds
         since_middle = np.zeros(shape)
         for i, stretches in enumerate(self.smoothed.stretches):
             for start, end, s in stretches:
-                place_error[i, start:end] = min(s.middle_variance(noise) ** 0.5, MAX_POSITION_ERROR_WORLD)
-                velocity_error[i, start:end] = min(s.velocity_variance(noise) ** 0.5, MAX_VELOCITY_ERROR_WORLD_PER_S)
-                since_middle[i, start:end] = FRAME_SECONDS * (np.arange(start, end) - s.middle_frame)
+                place_error[i, start:end] = min(s.middle_variance(noise) ** 0.5, most[0])
+                velocity_error[i, start:end] = min(s.velocity_variance(noise) ** 0.5, most[1])
+                since_middle[i, start:end] = frame_seconds * (np.arange(start, end) - s.middle_frame)
         errors = np.zeros((len(yaw), *shape, STATE_SIZE))
         errors[..., VELOCITY] = velocity_error[..., None] * velocity
         errors[..., POSITION] = place_error[..., None] * place + since_middle[..., None] * errors[..., VELOCITY]
@@ -150,8 +145,10 @@ class FittedScene(Explanation):
         collisions, uncertain = self._split(later)
         visible = self._visible(run, every, ~every, 0, self.objects)
         gap = position[:, self.n_frames - 1 :]
-        gap = np.linalg.norm(gap[:, None] - gap[None], axis=-1).min(-1) - 2 * OBJECT_RADIUS_WORLD
-        scores = (len(frames) * share + np.exp(-np.maximum(gap, 0) / CLOSENESS_WORLD)) / (len(frames) + 1)
+        gap = np.linalg.norm(gap[:, None] - gap[None], axis=-1).min(-1) - np.add.outer(self.radius, self.radius)
+        scores = (len(frames) * share + np.exp(-np.maximum(gap, 0) / (CLOSENESS_WORLD * self.scales.size))) / (
+            len(frames) + 1
+        )
         for pair in pairs:  # a pair collides once
             scores[pair] = scores[pair[::-1]] = 0.0
         rollout = Rollout(
@@ -169,7 +166,7 @@ class FittedScene(Explanation):
 
         Rollouts with interventions at that frame have such collisions, so a comparison needs them here, too.
         """
-        unchanged = change_bodies(self._bodies_at(from_frame), self.objects, ())
+        unchanged = change_bodies(self._bodies_at(from_frame), self.objects, (), self.world)
         earlier = {e.objects for e in self._earlier(from_frame, unchanged.exists)}
         if not earlier:
             return rollout
@@ -184,7 +181,7 @@ class FittedScene(Explanation):
 
     def _with_changes(self, changes: Sequence[Intervention], from_frame: int, total: int) -> Rollout:
         """The rollout of `total` frames with interventions at a frame of the video."""
-        changed = change_bodies(self._bodies_at(from_frame), self.objects, changes)
+        changed = change_bodies(self._bodies_at(from_frame), self.objects, changes, self.world)
         run, later = self._later_collisions(changed, from_frame, total)
         collisions, uncertain = self._split(later)
         extra = len(changed.exists) - len(self.objects)
@@ -227,7 +224,7 @@ class FittedScene(Explanation):
         earlier = self._earlier(from_frame, changed.exists)
         for event in earlier:  # contact continues, or resumes soon after: the same collision
             i, j = event.objects
-            continued = frames[:, i, j] <= max(event.frame + CONTACT_PAUSE_STEPS // STEPS_PER_FRAME, from_frame + 1)
+            continued = frames[:, i, j] <= max(event.frame + self.world.physics.contact_pause_frames, from_frame + 1)
             frames[continued, i, j] = frames[continued, j, i] = NO_CONTACT
         untouched = (changed.exists & ~changed.simulated)[: len(self.objects)]
         share, found = (frames != NO_CONTACT).mean(0), {e.objects for e in self.collisions}
@@ -266,7 +263,7 @@ class FittedScene(Explanation):
 
     def _bodies_at(self, frame: int) -> BodyStates:
         """The bodies in a frame of the video."""
-        return BodyStates(self.fitted.bodies.shape, self.motion[:, frame], self.fitted.bodies.mass)
+        return BodyStates(self.fitted.bodies.body, self.motion[:, frame], self.fitted.bodies.mass)
 
     def _prescribed(self, is_prescribed: BoolArray, free_at_latest: IntArray) -> PrescribedMotion:
         """The motion of the video for n objects, including added ones, as `PrescribedMotion`."""
@@ -324,7 +321,7 @@ class FittedScene(Explanation):
         objects: Sequence[SceneObject],
     ) -> BoolArray:
         """(1 + R, n, F) bool, whether each object is in the image in each run (see `visible_in_runs`)."""
-        shapes, camera = [o.shape for o in objects], self.states.camera
+        shapes, camera = [self.world.vocabulary.shape(o.shape) for o in objects], self.camera
         return visible_in_runs(run, self.smoothed.visible, exists, simulated, from_frame, shapes, camera)
 
 

@@ -1,6 +1,6 @@
 """What changes the motion of a body in the plane: damping and friction in a Bullet step, and contacts. Compiled by Numba.
 
-The motion of a body that slides without spinning has a closed form (`nsdr.dynamics.sliding`). The motion of a spinning cube has
+The motion of a body that slides without spinning has a closed form (`nsdr.dynamics.sliding`). The motion of a spinning box has
 none, because friction at its four corners depends on both speed and spin, so it is simulated step by step.
 """
 
@@ -8,40 +8,30 @@ import numpy as np
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.body_state import SPIN, VX, VY, YAW, X, Y
-from nsdr.dynamics.physics.contact_geometry import CUBE, FLAT, ROUND, SPHERE, outline_gap
-from nsdr.world.physics_constants import (
-    ANGULAR_DAMPING,
-    ERROR_REDUCTION,
-    GRAVITY,
-    LINEAR_DAMPING,
-    MIN_REBOUND_SPEED,
-    PAIR_RESTITUTION,
-    SLIDING_DECELERATION,
-    SPINNING_FRICTION,
-    STEP_SECONDS,
-)
+from nsdr.dynamics.physics.bullet_rules import ERROR_REDUCTION, MIN_REBOUND_SPEED
+from nsdr.dynamics.physics.contact_geometry import outline_gap
+from nsdr.world.physics import DECIMALS
 
-_SPINNING_DECELERATION = SPINNING_FRICTION * GRAVITY
-"""Torque per mass with which the ground resists spinning (world units²/s²)."""
-INERTIA = 2 * (2 * ROUND) ** 2 / 12
-"""Moment of inertia per mass (world units²). Bullet uses that of the bounding box."""
-_SPIN_SLIDING_WORLD = 0.2
-"""Lever arm with which spin adds to the speed over the ground in the test for rest (world units)."""
 MIN_SPIN_RAD_PER_S = 1e-3
 """A slower spin counts as 0 (radians/s)."""
-GIVEN_GAP_WORLD = 0.003
-"""Gap at which bodies with a given rebound make contact: the mean gap under Bullet's rule at usual speeds (world units)."""
 WALLS_REBOUND, WALLS_SLOPE = 0.26, 0.30
 """Rebound of two objects with upright walls: `WALLS_REBOUND` + `WALLS_SLOPE` times the rebound by Bullet's rule. Rebounds are
 ratios of separation speed to approach speed. Measured by `python -m benchmarks.rebounds`."""
 
 
 @cached_njit
-def slow_down(shape, state, i):  # type: ignore[no-untyped-def]
+def _brake(body, state, i):  # type: ignore[no-untyped-def]
+    """Let the torsional friction of one Bullet step act on body i."""
+    brake = body.step_seconds * body.spinning / body.inertia
+    state[i, SPIN] = np.copysign(max(abs(state[i, SPIN]) - brake, 0.0), state[i, SPIN])
+
+
+@cached_njit
+def slow_down(body, state, i):  # type: ignore[no-untyped-def]
     """Apply the damping and friction of one Bullet step to body i.
 
     Args:
-        shape: shape of body i, index into `nsdr.world.vocabulary.SHAPES`.
+        body: the record of body i, of `BODY`.
         state: (n, 6) states of all bodies; taking a slice of one row would cost as much as the step.
         i: index of the body.
     """
@@ -49,49 +39,51 @@ def slow_down(shape, state, i):  # type: ignore[no-untyped-def]
     abs_spin = abs(state[i, SPIN])
     if speed == 0.0 and abs_spin == 0.0:
         return
-    loss = LINEAR_DAMPING * speed + LINEAR_DAMPING * speed * speed
-    state[i, SPIN] -= STEP_SECONDS * ANGULAR_DAMPING * state[i, SPIN] * (1 + abs_spin)
-    if shape == SPHERE:
-        factor = 1 - STEP_SECONDS * loss / speed if speed > 0 else 0.0
+    step, deceleration, damping = body.step_seconds, body.law.deceleration, body.law.damping
+    loss = damping * speed + damping * speed * speed
+    state[i, SPIN] -= step * body.angular_damping * state[i, SPIN] * (1 + abs_spin)
+    if deceleration == 0.0:
+        factor = 1 - step * loss / speed if speed > 0 else 0.0
         state[i, VX] *= factor
         state[i, VY] *= factor
+        if body.is_box:
+            _brake(body, state, i)
         return
-    if abs_spin < MIN_SPIN_RAD_PER_S or speed + _SPIN_SLIDING_WORLD * abs_spin < STEP_SECONDS * SLIDING_DECELERATION:
-        factor = max(0.0, 1 - STEP_SECONDS * (loss + SLIDING_DECELERATION) / speed) if speed > 0 else 0.0
+    if abs_spin < MIN_SPIN_RAD_PER_S or speed + body.lever * abs_spin < step * deceleration:
+        factor = max(0.0, 1 - step * (loss + deceleration) / speed) if speed > 0 else 0.0
         state[i, VX] *= factor
         state[i, VY] *= factor
         state[i, SPIN] = 0.0
         return
     c, s = np.cos(state[i, YAW]), np.sin(state[i, YAW])
-    fx, fy, torque = 0.0, 0.0, 0.0
+    fx, fy, torque, flat_x, flat_y = 0.0, 0.0, 0.0, body.flat[0], body.flat[1]
     for k in range(4):  # a quarter of the weight on each corner of the flat face
-        kx, ky = (FLAT if k % 2 else -FLAT), (FLAT if k // 2 else -FLAT)
+        kx, ky = (flat_x if k % 2 else -flat_x), (flat_y if k // 2 else -flat_y)
         rx, ry = c * kx - s * ky, s * kx + c * ky
         ux, uy = state[i, VX] - state[i, SPIN] * ry, state[i, VY] + state[i, SPIN] * rx
-        u = max(np.sqrt(ux * ux + uy * uy), 2 * STEP_SECONDS * SLIDING_DECELERATION)
-        gx, gy = -SLIDING_DECELERATION / 4 * ux / u, -SLIDING_DECELERATION / 4 * uy / u
+        u = max(np.sqrt(ux * ux + uy * uy), 2 * step * deceleration)
+        gx, gy = -deceleration / 4 * ux / u, -deceleration / 4 * uy / u
         fx += gx
         fy += gy
         torque += rx * gy - ry * gx
     if speed > 0:
-        state[i, VX] *= 1 - STEP_SECONDS * loss / speed
-        state[i, VY] *= 1 - STEP_SECONDS * loss / speed
-    state[i, VX] += STEP_SECONDS * fx
-    state[i, VY] += STEP_SECONDS * fy
-    state[i, SPIN] += STEP_SECONDS * torque / INERTIA
-    brake = STEP_SECONDS * _SPINNING_DECELERATION / INERTIA
-    state[i, SPIN] = np.copysign(max(abs(state[i, SPIN]) - brake, 0.0), state[i, SPIN])
+        state[i, VX] *= 1 - step * loss / speed
+        state[i, VY] *= 1 - step * loss / speed
+    state[i, VX] += step * fx
+    state[i, VY] += step * fy
+    state[i, SPIN] += step * torque / body.inertia
+    _brake(body, state, i)
 
 
 @cached_njit
-def approach(shape, state, i, j):  # type: ignore[no-untyped-def]
+def approach(body, state, i, j):  # type: ignore[no-untyped-def]
     """How bodies i and j approach each other.
 
     Returns:
         The gap (world units); the separation speed at the contact point (world units/s); the normal (x, y) from i to j; and
         the lever arms of a force along the normal about the centres of i and j (world units).
     """
-    gap, nx, ny, px, py = outline_gap(shape, state, i, j)
+    gap, nx, ny, px, py = outline_gap(body, state, i, j)
     ix, iy = px - state[i, X], py - state[i, Y]
     jx, jy = px - state[j, X], py - state[j, Y]
     ux = state[j, VX] - state[j, SPIN] * jy - state[i, VX] + state[i, SPIN] * iy
@@ -100,23 +92,23 @@ def approach(shape, state, i, j):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def push(shape, state, mass, i, j, change, nx, ny, ci, cj):  # type: ignore[no-untyped-def]
+def push(body, state, mass, i, j, change, nx, ny, ci, cj):  # type: ignore[no-untyped-def]
     """Apply the impulse along the normal that changes the separation speed of bodies i and j by `change`.
 
-    There is no friction between the bodies, and only cubes spin. `ci` and `cj` are the lever arms from `approach`.
+    There is no friction between the bodies, and only boxes spin. `ci` and `cj` are the lever arms from `approach`.
     impulse = change / (1/mᵢ + 1/mⱼ + cᵢ²/Iᵢ + cⱼ²/Iⱼ)
     """
-    spin_i = ci * ci / (INERTIA * mass[i]) if shape[i] == CUBE else 0.0
-    spin_j = cj * cj / (INERTIA * mass[j]) if shape[j] == CUBE else 0.0
+    spin_i = ci * ci / (body[i].inertia * mass[i]) if body[i].is_box else 0.0
+    spin_j = cj * cj / (body[j].inertia * mass[j]) if body[j].is_box else 0.0
     impulse = change / (1 / mass[i] + 1 / mass[j] + spin_i + spin_j)
     state[i, VX] -= impulse * nx / mass[i]
     state[i, VY] -= impulse * ny / mass[i]
     state[j, VX] += impulse * nx / mass[j]
     state[j, VY] += impulse * ny / mass[j]
-    if shape[i] == CUBE:
-        state[i, SPIN] -= impulse * ci / (INERTIA * mass[i])
-    if shape[j] == CUBE:
-        state[j, SPIN] += impulse * cj / (INERTIA * mass[j])
+    if body[i].is_box:
+        state[i, SPIN] -= impulse * ci / (body[i].inertia * mass[i])
+    if body[j].is_box:
+        state[j, SPIN] += impulse * cj / (body[j].inertia * mass[j])
 
 
 @cached_njit
@@ -128,7 +120,7 @@ def drift(state, i, seconds):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def rebound_at(shape, state, mass, i, j, seconds, rebound):  # type: ignore[no-untyped-def]
+def rebound_at(body, state, mass, i, j, seconds, rebound):  # type: ignore[no-untyped-def]
     """Let bodies i and j rebound from each other `seconds` from now.
 
     Afterwards their separation speed is `rebound` times the approach speed. Positions are moved so that motion at the new
@@ -136,30 +128,36 @@ def rebound_at(shape, state, mass, i, j, seconds, rebound):  # type: ignore[no-u
     """
     drift(state, i, seconds)
     drift(state, j, seconds)
-    _, apart, nx, ny, ci, cj = approach(shape, state, i, j)
-    push(shape, state, mass, i, j, -(1 + rebound) * apart, nx, ny, ci, cj)
+    _, apart, nx, ny, ci, cj = approach(body, state, i, j)
+    push(body, state, mass, i, j, -(1 + rebound) * apart, nx, ny, ci, cj)
     drift(state, i, -seconds)
     drift(state, j, -seconds)
 
 
 @cached_njit
-def speed_after(shape, i, j, gap, apart):  # type: ignore[no-untyped-def]
+def pair_restitution(one, other):  # type: ignore[no-untyped-def]
+    """Coefficient of restitution of a collision of two bodies, given their records of `BODY`: 0.64 in CLEVRER."""
+    return np.round(one.restitution * other.restitution, DECIMALS)
+
+
+@cached_njit
+def speed_after(one, other, gap, apart):  # type: ignore[no-untyped-def]
     """Separation speed of bodies i and j after a Bullet step (world units/s).
 
-    Bullet lets two bodies close the gap within the step and then rebound. Upright walls, those of cubes and cylinders, touch
+    Bullet lets two bodies close the gap within the step and then rebound. Upright walls, those of boxes and cylinders, touch
     only at their top or bottom end in Bullet: both bodies tip a little and touch at the other end a step later. So they rebound
     less than Bullet's rule says if it says much, and more if it says little.
 
     Args:
-        shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
-        i, j: indices of the two bodies.
+        one, other: records of the two bodies, of `BODY`.
         gap: gap between them at the start of the step (world units).
         apart: separation speed at the start of the step (world units/s); negative while they approach each other.
     """
-    rule = -gap / STEP_SECONDS if gap > 0 else -gap * ERROR_REDUCTION / STEP_SECONDS
+    step = one.step_seconds
+    rule = -gap / step if gap > 0 else -gap * ERROR_REDUCTION / step
     if apart >= -MIN_REBOUND_SPEED:
         return rule
-    rule -= PAIR_RESTITUTION * apart
-    if shape[i] == SPHERE or shape[j] == SPHERE:
+    rule -= pair_restitution(one, other) * apart
+    if one.is_sphere or other.is_sphere:
         return rule
     return max(WALLS_SLOPE * rule - WALLS_REBOUND * apart, 0.0)

@@ -19,7 +19,6 @@ from nsdr.dynamics.track_smoothing import smooth_tracks
 from nsdr.io.checkpoint import HasWeights, find_checkpoint
 from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout
-from nsdr.world.physics_constants import horizon_frame
 
 
 class CollisionDetector(Protocol):
@@ -77,7 +76,7 @@ class PhysicsPredictor:
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
         """Fit the simulator to a video; see `nsdr.dynamics.Dynamics`."""
         if not states.objects:
-            total = horizon_frame(states.n_frames) + 1
+            total = states.world.timeline.horizon_frame(states.n_frames) + 1
             nothing = Rollout(np.zeros((0, total, 2)), np.zeros((0, total), bool), (), np.zeros((0, 0)))
             return StoredExplanation(DynamicsPrediction((), states.n_frames, nothing, world=states.world))
         given = None if collisions is None else [(event, 1.0) for event in collisions]

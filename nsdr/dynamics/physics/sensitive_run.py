@@ -14,20 +14,16 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.body_state import SPIN, STATE_SIZE, VX, VY, YAW, X, Y
-from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
-from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, MIN_SPIN_RAD_PER_S, approach, drift, push, slow_down
+from nsdr.dynamics.physics.forces import MIN_SPIN_RAD_PER_S, approach, drift, push, slow_down
 from nsdr.dynamics.sliding import slide_one
-from nsdr.world.physics_constants import FRAME_SECONDS, STEP_SECONDS
 
 _NEWTON_STEPS = 3
 """Number of Newton steps that refine the time of a contact."""
-_MIN_APPROACH_WORLD_PER_S = 0.02
-"""The time of a contact at a slower approach is not differentiated, because its derivatives would be too large."""
 _TIMED_GAP_WORLD = 1e-4
-"""The time of a contact is not differentiated if the gap differs from `GIVEN_GAP_WORLD` by more (world units): such bodies
+"""The time of a contact is not differentiated if the gap differs from the given one by more (world units): such bodies
 overlapped before."""
 _SPIN_DIFFERENCE = 1e-4
-"""Step of the numerical derivatives of the motion of a spinning cube (world units/s, radians, radians/s)."""
+"""Step of the numerical derivatives of the motion of a spinning box (world units/s, radians, radians/s)."""
 _CONTACT_DIFFERENCE = 1e-6
 """Step of the numerical derivatives of an exchange of momentum (units of its inputs)."""
 _MASS_INPUT, _REBOUND_INPUT = 2 * STATE_SIZE, 2 * STATE_SIZE + 2
@@ -40,16 +36,16 @@ class Bodies(NamedTuple):
     """The current segments of n bodies. The functions below change these arrays.
 
     Attributes:
-        shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
+        body: (n,) records of `BODY`.
         mass: (n,) relative masses.
         start: (n,) times at which the segments start (s).
-        end: (n,) times at which the spinning of cubes ends (s); infinite for segments without spin.
+        end: (n,) times at which the spinning of boxes ends (s); infinite for segments without spin.
         state: (n, 6) states at the start of the segments.
         steps: (n, T, 6) states after every Bullet step of a segment with spin.
         sensitivity: (n, 6, P) derivatives of `state` with respect to the P parameters.
     """
 
-    shape: NDArray[np.int64]
+    body: NDArray[np.void]
     mass: NDArray[np.float64]
     start: NDArray[np.float64]
     end: NDArray[np.float64]
@@ -59,11 +55,11 @@ class Bodies(NamedTuple):
 
 
 @cached_njit
-def new_bodies(shape, n_parameters, n_steps):  # type: ignore[no-untyped-def]
+def new_bodies(body, n_parameters, n_steps):  # type: ignore[no-untyped-def]
     """Bodies at rest at the origin, with arrays for runs of at most `n_steps` Bullet steps."""
-    n = len(shape)
+    n = len(body)
     return Bodies(
-        shape,
+        body,
         np.ones(n),
         np.zeros(n),
         np.full(n, np.inf),
@@ -81,8 +77,8 @@ def copy_state(source, target):  # type: ignore[no-untyped-def]
 
 
 @cached_njit
-def _spin_steps(state, count, rows):  # type: ignore[no-untyped-def]
-    """Write the states of a spinning cube after each Bullet step to `rows` (T, 6).
+def _spin_steps(body, state, count, rows):  # type: ignore[no-untyped-def]
+    """Write the states of a spinning box after each Bullet step to `rows` (T, 6).
 
     It ends when the spin is 0, or after `count` steps. Returns the number of steps done.
     """
@@ -90,25 +86,26 @@ def _spin_steps(state, count, rows):  # type: ignore[no-untyped-def]
     for k in range(1, count + 1):
         for c in range(6):
             rows[k, c] = rows[k - 1, c]
-        slow_down(CUBE, rows, k)
-        drift(rows, k, STEP_SECONDS)
+        slow_down(body, rows, k)
+        drift(rows, k, body.step_seconds)
         if rows[k, SPIN] == 0.0:
             return k
     return count
 
 
 @cached_njit
-def _between(rows, elapsed, whole, out):  # type: ignore[no-untyped-def]
+def _between(rows, step, elapsed, whole, out):  # type: ignore[no-untyped-def]
     """Interpolate between the Bullet steps of a segment.
 
     Args:
         rows: (T, 6) states after each step.
+        step: duration of a step (s).
         elapsed: time since the start of the segment (s).
         whole: duration of the segment (s).
         out: (6,) the state, which is written.
     """
-    k = min(int(elapsed / STEP_SECONDS), int(whole / STEP_SECONDS + 0.5) - 1)
-    share = elapsed / STEP_SECONDS - k
+    k = min(int(elapsed / step), int(whole / step + 0.5) - 1)
+    share = elapsed / step - k
     for c in range(6):
         out[c] = rows[k, c] + share * (rows[k + 1, c] - rows[k, c])
 
@@ -118,10 +115,11 @@ def start_segment(bodies, i, seconds, horizon):  # type: ignore[no-untyped-def]
     """Start a new segment of body i at a time (s) with the state in `bodies.state`."""
     bodies.start[i] = seconds
     bodies.end[i] = np.inf
-    if bodies.shape[i] == CUBE and abs(bodies.state[i, SPIN]) >= MIN_SPIN_RAD_PER_S:
-        count = min(int((horizon - seconds) / STEP_SECONDS) + 1, bodies.steps.shape[1] - 1)
-        done = _spin_steps(bodies.state[i], count, bodies.steps[i])
-        bodies.end[i] = seconds + done * STEP_SECONDS
+    body = bodies.body[i]
+    if body.is_box and abs(bodies.state[i, SPIN]) >= MIN_SPIN_RAD_PER_S:
+        count = min(int((horizon - seconds) / body.step_seconds) + 1, bodies.steps.shape[1] - 1)
+        done = _spin_steps(body, bodies.state[i], count, bodies.steps[i])
+        bodies.end[i] = seconds + done * body.step_seconds
     else:
         bodies.state[i, SPIN] = 0.0
 
@@ -132,20 +130,20 @@ def state_at(bodies, i, seconds, out):  # type: ignore[no-untyped-def]
     elapsed = seconds - bodies.start[i]
     state = bodies.state[i]
     if bodies.end[i] < np.inf:
-        _between(bodies.steps[i], elapsed, bodies.end[i] - bodies.start[i], out)
+        _between(bodies.steps[i], bodies.body[i].step_seconds, elapsed, bodies.end[i] - bodies.start[i], out)
         return
     copy_state(state, out)
     speed = np.sqrt(state[VX] ** 2 + state[VY] ** 2)
     if speed == 0.0:
         return
-    distance, later, _, _ = slide_one(bodies.shape[i], speed, elapsed)
+    distance, later, _, _ = slide_one(bodies.body[i].law, speed, elapsed)
     for k in range(2):
         out[X + k] = state[X + k] + distance * state[VX + k] / speed
         out[VX + k] = later * state[VX + k] / speed
 
 
 @cached_njit
-def slide_derivatives(shape, state, elapsed, after, out):  # type: ignore[no-untyped-def]
+def slide_derivatives(law, state, elapsed, after, out):  # type: ignore[no-untyped-def]
     """Write the state (6,) of a sliding body after `elapsed` seconds to `after`, and its derivatives (6, 6) to `out`.
 
     The derivatives are with respect to the state before.
@@ -158,7 +156,7 @@ def slide_derivatives(shape, state, elapsed, after, out):  # type: ignore[no-unt
     speed = np.sqrt(state[VX] ** 2 + state[VY] ** 2)
     if speed == 0.0:
         return
-    distance, later, d_distance, d_later = slide_one(shape, speed, elapsed)
+    distance, later, d_distance, d_later = slide_one(law, speed, elapsed)
     ux, uy = state[VX] / speed, state[VY] / speed
     after[X] += distance * ux
     after[Y] += distance * uy
@@ -171,11 +169,12 @@ def slide_derivatives(shape, state, elapsed, after, out):  # type: ignore[no-unt
 
 @cached_njit
 def spin_derivatives(bodies, i, seconds, first_frame, out):  # type: ignore[no-untyped-def]
-    """Write the derivatives of T states of a spinning cube with respect to its state at the start to `out` (T, 6, 6).
+    """Write the derivatives of T states of a spinning box with respect to its state at the start to `out` (T, 6, 6).
 
     The first T - 1 states are those in the frames from `first_frame` on, and the last is the one at the time `seconds`.
     """
-    count = int((seconds - bodies.start[i]) / STEP_SECONDS) + 1
+    body = bodies.body[i]
+    step, count = body.step_seconds, int((seconds - bodies.start[i]) / body.step_seconds) + 1
     rows = np.empty((count + 1, 6))
     base, changed, state = np.empty(6), np.empty(6), bodies.state[i].copy()
     for t in range(len(out)):
@@ -184,14 +183,14 @@ def spin_derivatives(bodies, i, seconds, first_frame, out):  # type: ignore[no-u
                 out[t, r, c] = 1.0 if r == c and c < VX else 0.0
     for c in range(VX, STATE_SIZE):
         state[c] += _SPIN_DIFFERENCE
-        done = _spin_steps(state, count, rows)
+        done = _spin_steps(body, state, count, rows)
         state[c] -= _SPIN_DIFFERENCE
-        for k in range(done, count):  # it may stop a step or two before the unperturbed cube
+        for k in range(done, count):  # it may stop a step or two before the unperturbed box
             copy_state(rows[k], rows[k + 1])
         for t in range(len(out)):
-            when = (first_frame + t) * FRAME_SECONDS if t < len(out) - 1 else seconds
+            when = (first_frame + t) * body.law.frame_seconds if t < len(out) - 1 else seconds
             state_at(bodies, i, when, base)
-            _between(rows, when - bodies.start[i], count * STEP_SECONDS, changed)
+            _between(rows, step, when - bodies.start[i], count * step, changed)
             for r in range(6):
                 out[t, r, c] = (changed[r] - base[r]) / _SPIN_DIFFERENCE
 
@@ -220,22 +219,30 @@ def advance(bodies, i, seconds, state, derivatives):  # type: ignore[no-untyped-
 
 
 @cached_njit
-def _refined(bodies, i, j, shape, state, seconds, left, apart):  # type: ignore[no-untyped-def]
-    """The time from `seconds` on at which the gap is `GIVEN_GAP_WORLD`, by Newton's method (s).
+def _refined(bodies, i, j, body, state, seconds, left, apart):  # type: ignore[no-untyped-def]
+    """The time from `seconds` on at which the gap is the given one, by Newton's method (s).
 
-    `left` is the gap minus `GIVEN_GAP_WORLD` at `seconds`, and `apart` the separation speed there. `shape` (2,) and `state`
+    `left` is the gap minus the given one at `seconds`, and `apart` the separation speed there. `body` (2,) and `state`
     (2, 6) are those of bodies i and j; `state` is overwritten.
     """
-    when = seconds
+    when, two_steps = seconds, 2 * body[0].step_seconds
     for _ in range(_NEWTON_STEPS):
-        if apart > -_MIN_APPROACH_WORLD_PER_S:
+        if apart > -body[0].min_approach:
             break
-        when = max(min(when - left / apart, seconds + 2 * STEP_SECONDS), seconds)
+        when = max(min(when - left / apart, seconds + two_steps), seconds)
         state_at(bodies, i, when, state[0])
         state_at(bodies, j, when, state[1])
-        gap, apart, _, _, _, _ = approach(shape, state, 0, 1)
-        left = gap - GIVEN_GAP_WORLD
+        gap, apart, _, _, _, _ = approach(body, state, 0, 1)
+        left = gap - body[0].given_gap
     return when
+
+
+@cached_njit
+def _two(bodies, i, j):  # type: ignore[no-untyped-def]
+    """The records (2,) of bodies i and j."""
+    body = bodies.body[:2].copy()
+    body[0], body[1] = bodies.body[i], bodies.body[j]
+    return body
 
 
 @cached_njit
@@ -245,9 +252,10 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
     Speeds only fall, so two bodies cannot touch before they have covered the distance between them at their current speeds.
     Bodies that are near each other are checked after every Bullet step.
     """
-    shape, state = np.array([bodies.shape[i], bodies.shape[j]]), np.empty((2, 6))
-    corners = (CORNER_WORLD if shape[0] == CUBE else 0.0) + (CORNER_WORLD if shape[1] == CUBE else 0.0)
-    reach = 2 * ROUND + GIVEN_GAP_WORLD + corners
+    body, state = _two(bodies, i, j), np.empty((2, 6))
+    step, given_gap = body[0].step_seconds, body[0].given_gap
+    lever = max(body[0].round + body[0].corner, body[1].round + body[1].corner)
+    reach = body[0].round + body[1].round + given_gap + (body[0].corner + body[1].corner)
     seconds = since
     while seconds <= until:
         state_at(bodies, i, seconds, state[0])
@@ -257,45 +265,46 @@ def find_contact(bodies, i, j, since, until):  # type: ignore[no-untyped-def]
         if speed == 0.0 and spin == 0.0:
             return np.inf
         apart_world = np.sqrt((state[1, X] - state[0, X]) ** 2 + (state[1, Y] - state[0, Y]) ** 2) - reach
-        if apart_world > speed * STEP_SECONDS:
+        if apart_world > speed * step:
             seconds += apart_world / speed if speed > 0.0 else np.inf
             continue
-        gap, apart, _, _, _, _ = approach(shape, state, 0, 1)
-        left = gap - GIVEN_GAP_WORLD
-        if apart < 0 and left + apart * STEP_SECONDS <= 0:
-            return min(_refined(bodies, i, j, shape, state, seconds, left, apart), until)
-        seconds += max(left / (speed + spin * (ROUND + CORNER_WORLD)), STEP_SECONDS)
+        gap, apart, _, _, _, _ = approach(body, state, 0, 1)
+        left = gap - given_gap
+        if apart < 0 and left + apart * step <= 0:
+            return min(_refined(bodies, i, j, body, state, seconds, left, apart), until)
+        seconds += max(left / (speed + spin * lever), step)
     return np.inf
 
 
 @cached_njit
-def _rates(shape, states, out):  # type: ignore[no-untyped-def]
+def _rates(body, states, out):  # type: ignore[no-untyped-def]
     """Write the time derivatives of two states (2, 6) to `out` (2, 6). Damping and friction change velocities and spins."""
     slowed = states.copy()
     for b in range(2):
-        slow_down(shape[b], slowed, b)
+        slow_down(body[b], slowed, b)
         for c in range(2):
             out[b, X + c] = states[b, VX + c]
-            out[b, VX + c] = (slowed[b, VX + c] - states[b, VX + c]) / STEP_SECONDS
+            out[b, VX + c] = (slowed[b, VX + c] - states[b, VX + c]) / body[b].step_seconds
         out[b, YAW] = states[b, SPIN]
-        out[b, SPIN] = (slowed[b, SPIN] - states[b, SPIN]) / STEP_SECONDS
+        out[b, SPIN] = (slowed[b, SPIN] - states[b, SPIN]) / body[b].step_seconds
 
 
 @cached_njit
-def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ignore[no-untyped-def]
+def _exchange_derivatives(body, before, mass, rebound, after, out):  # type: ignore[no-untyped-def]
     """Write the states (2, 6) after a contact to `after`, and their derivatives with respect to all inputs to `out` (2, 6, 15).
 
     The inputs are the states before (12), both masses, and the rebound. A change of a state before the contact also changes the
     time of the contact. The bodies then move by the old rates of change until the new time, and by the new rates after it.
     """
-    gap, apart, _, _, _, _ = approach(shape, before, 0, 1)
-    timed = apart < -_MIN_APPROACH_WORLD_PER_S and abs(gap - GIVEN_GAP_WORLD) < _TIMED_GAP_WORLD
+    gap, apart, _, _, _, _ = approach(body, before, 0, 1)
+    given_gap = body[0].given_gap
+    timed = apart < -body[0].min_approach and abs(gap - given_gap) < _TIMED_GAP_WORLD
     rate, rate_after = np.empty((2, 6)), np.empty((2, 6))
-    _rates(shape, before, rate)
+    _rates(body, before, rate)
     masses, state = mass.copy(), np.empty((2, 6))
     for k in range(-1, _INPUTS):  # -1: no input is changed
         is_state = 0 <= k < _MASS_INPUT
-        if is_state and k % STATE_SIZE >= YAW and shape[k // STATE_SIZE] != CUBE:
+        if is_state and k % STATE_SIZE >= YAW and not body[k // STATE_SIZE].is_box:
             continue
         for b in range(2):
             copy_state(before[b], state[b])
@@ -303,17 +312,17 @@ def _exchange_derivatives(shape, before, mass, rebound, after, out):  # type: ig
         if is_state:
             state[k // STATE_SIZE, k % STATE_SIZE] += _CONTACT_DIFFERENCE
         seconds = 0.0
-        if timed:  # time until the gap is GIVEN_GAP_WORLD
-            gap, apart, _, _, _, _ = approach(shape, state, 0, 1)
-            seconds = (gap - GIVEN_GAP_WORLD) / -apart
+        if timed:  # time until the gap is the given one
+            gap, apart, _, _, _, _ = approach(body, state, 0, 1)
+            seconds = (gap - given_gap) / -apart
         for b in range(2):
             for r in range(6):
                 state[b, r] += seconds * rate[b, r]
-        _, apart, nx, ny, ci, cj = approach(shape, state, 0, 1)
+        _, apart, nx, ny, ci, cj = approach(body, state, 0, 1)
         share = rebound + (_CONTACT_DIFFERENCE if k == _REBOUND_INPUT else 0.0)
-        push(shape, state, masses, 0, 1, -(1 + share) * apart, nx, ny, ci, cj)
+        push(body, state, masses, 0, 1, -(1 + share) * apart, nx, ny, ci, cj)
         if k < 0:
-            _rates(shape, state, rate_after)
+            _rates(body, state, rate_after)
         for b in range(2):
             for r in range(6):
                 state[b, r] -= seconds * rate_after[b, r]
@@ -329,13 +338,13 @@ def exchange(bodies, i, j, rebound, by_parameter):  # type: ignore[no-untyped-de
 
     `by_parameter` (3, P) holds the derivatives of the masses of i and j and of the rebound with respect to the parameters.
     """
-    shape = np.array([bodies.shape[i], bodies.shape[j]])
+    body = _two(bodies, i, j)
     mass = np.array([bodies.mass[i], bodies.mass[j]])
     before, after = np.empty((2, 6)), np.empty((2, 6))
     copy_state(bodies.state[i], before[0])
     copy_state(bodies.state[j], before[1])
     by_input = np.zeros((2, STATE_SIZE, _INPUTS))
-    _exchange_derivatives(shape, before, mass, rebound, after, by_input)
+    _exchange_derivatives(body, before, mass, rebound, after, by_input)
     moved = np.empty((2, 6))
     for p in range(bodies.sensitivity.shape[2]):
         for b in range(2):

@@ -9,6 +9,7 @@ from nsdr.dynamics.track_smoothing import rollout_in_image
 from nsdr.types import Event, UncertainEvent
 from nsdr.validation import BoolArray
 from nsdr.world.camera import Camera
+from nsdr.world.vocabulary import Shape
 
 SIGNS = {"in": 1, "out": -1}
 """How much more visible an object is after each kind of event."""
@@ -32,7 +33,7 @@ def visible_in_runs(
     exists: BoolArray,
     simulated: BoolArray,
     from_frame: int,
-    shapes: Sequence[str],
+    shapes: Sequence[Shape],
     camera: Camera,
 ) -> BoolArray:
     """(1 + R, n, F) bool, whether each object is in the image: as observed while it moves as observed, then as simulated.

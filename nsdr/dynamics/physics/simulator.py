@@ -1,11 +1,11 @@
-"""A fast planar simulator of CLEVRER's physics: rigid bodies on the ground plane with Bullet's contact rule. Compiled by Numba.
+"""A fast planar simulator of a world's physics: rigid bodies on the ground plane with Bullet's contact rule. Compiled by Numba.
 
-All objects stand upright at the same height, so their motion in Bullet is planar: they slide and lose speed, and cubes spin.
-Bullet's time step is 0.004 s, and it handles contacts at a distance: once the gap is below a threshold, the separation speed
-after a contact is at most the rebound minus gap / step. So the same collision rebounds with 0 to 0.64 of the approach speed,
-depending on when in a time step it happens; the dependence is weaker where cubes and cylinders tip (`speed_after`). A given
-`rebound` replaces this rule for a pair: the bodies then make contact at a given gap, and the motion is a smooth function of the
-initial state, as a fit requires.
+All objects stand upright and meet at vertical walls or at equal heights, so their motion in Bullet is planar: they slide and
+lose speed, and boxes spin. Bullet handles contacts at a distance: once the gap is below a threshold, the separation speed
+after a contact is at most the rebound minus gap / step. So the same collision in CLEVRER rebounds with 0 to 0.64 of the
+approach speed, depending on when in a time step it happens; the dependence is weaker where boxes and cylinders tip
+(`speed_after`). A given `rebound` replaces this rule for a pair: the bodies then make contact at a given gap, and the motion is
+a smooth function of the initial state, as a fit requires.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,11 @@ from numpy.typing import NDArray
 
 from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.physics.body_state import POSITION, SPIN, STATE_SIZE, VX, VY, X, Y
-from nsdr.dynamics.physics.contact_geometry import CORNER_WORLD, CUBE, ROUND
-from nsdr.dynamics.physics.forces import GIVEN_GAP_WORLD, approach, drift, push, rebound_at, slow_down, speed_after
+from nsdr.dynamics.physics.forces import approach, drift, push, rebound_at, slow_down, speed_after
 from nsdr.validation import BoolArray, FloatArray, IntArray
-from nsdr.world.physics_constants import CONTACT_THRESHOLD_WORLD, STEP_SECONDS, STEPS_PER_FRAME
 
 NO_CONTACT = -1
 """Frame of the first contact of pairs that never touch."""
-_STEP_REACH_WORLD = 0.03
-"""Distance that two fast bodies cover in a Bullet step (world units, rounded up)."""
 _MAX_STEPS = 10**6
 """Number of Bullet steps until the next check of two bodies at rest."""
 _MAX_SWEEPS = 2
@@ -35,12 +31,12 @@ class BodyStates:
     """The bodies at the start of a run.
 
     Attributes:
-        shape: (n,) int, index into `nsdr.world.vocabulary.SHAPES`.
+        body: (n,) records of `BODY`.
         state: (n, 6) states (x, y, vx, vy, yaw, spin), in world units, radians and seconds.
         mass: (n,) relative masses.
     """
 
-    shape: IntArray
+    body: NDArray[np.void]
     state: FloatArray
     mass: FloatArray
 
@@ -128,7 +124,7 @@ def simulate(
         start: first frame of the run.
         perturbations: perturbations of further runs; None for a single run.
     """
-    n, mass = len(bodies.shape), np.asarray(bodies.mass, float)
+    n, mass = len(bodies.body), np.asarray(bodies.mass, float)
     rebound = np.full((n, n), np.nan) if rebound is None else rebound
     if prescribed is None:
         prescribed = PrescribedMotion(
@@ -138,13 +134,12 @@ def simulate(
     runs = [(np.zeros((n, 1, STATE_SIZE)), mass)]
     if perturbations is not None:
         runs += zip(perturbations.state, mass * perturbations.mass, strict=True)
-    shape, latest, collisions = (
-        np.ascontiguousarray(a, np.int64) for a in (bodies.shape, latest, prescribed.collisions)
-    )
+    latest, collisions = (np.ascontiguousarray(a, np.int64) for a in (latest, prescribed.collisions))
     state, rebound, rows = (np.ascontiguousarray(a, float) for a in (bodies.state, rebound, prescribed.states))
     motion = rows, np.ascontiguousarray(prescribed.is_prescribed), latest, collisions
     results = [
-        _run(shape, state, change, own_mass, exists, rebound, *motion, start, n_frames) for change, own_mass in runs
+        _run(bodies.body, state, change, own_mass, exists, rebound, *motion, start, n_frames)
+        for change, own_mass in runs
     ]
     states, contacts, free_from = zip(*results, strict=True)
     location_world = np.stack([of_run[..., POSITION] for of_run in states])
@@ -152,7 +147,7 @@ def simulate(
 
 
 @cached_njit
-def _collide(shape, state, mass, i, j, given, used):  # type: ignore[no-untyped-def]
+def _collide(body, state, mass, i, j, given, used):  # type: ignore[no-untyped-def]
     """Apply the impulse between bodies i and j if they touch in this Bullet step.
 
     With a given rebound (`given`, NaN for Bullet's rule) the impulse acts at a time within the step, otherwise at its start. If
@@ -160,34 +155,37 @@ def _collide(shape, state, mass, i, j, given, used):  # type: ignore[no-untyped-
     both together must still move before they can touch (world units).
     """
     dx, dy = state[j, X] - state[i, X], state[j, Y] - state[i, Y]
-    reach = 2 * ROUND + _STEP_REACH_WORLD
-    reach += (CORNER_WORLD if shape[i] == CUBE else 0.0) + (CORNER_WORLD if shape[j] == CUBE else 0.0)
+    step, given_gap = body[i].step_seconds, body[i].given_gap
+    reach = body[i].round + body[j].round + body[i].step_reach + (body[i].corner + body[j].corner)
     distance = np.sqrt(dx * dx + dy * dy)
     if distance > reach:
         return False, distance - reach
-    gap, apart, nx, ny, ci, cj = approach(shape, state, i, j)
+    gap, apart, nx, ny, ci, cj = approach(body, state, i, j)
     if not np.isnan(given):
-        if apart >= 0 or gap + apart * STEP_SECONDS > GIVEN_GAP_WORLD:
-            return False, gap - GIVEN_GAP_WORLD
-        rebound_at(shape, state, mass, i, j, max(gap - GIVEN_GAP_WORLD, 0.0) / -apart, 0.0 if used else given)
+        if apart >= 0 or gap + apart * step > given_gap:
+            return False, gap - given_gap
+        rebound_at(body, state, mass, i, j, max(gap - given_gap, 0.0) / -apart, 0.0 if used else given)
         return True, 0.0
-    if gap > CONTACT_THRESHOLD_WORLD:
-        return False, gap - CONTACT_THRESHOLD_WORLD
-    wanted = speed_after(shape, i, j, gap, apart)
+    threshold = min(body[i].threshold, body[j].threshold)
+    if gap > threshold:
+        return False, gap - threshold
+    wanted = speed_after(body[i], body[j], gap, apart)
     touched = wanted > apart
     if touched:
-        push(shape, state, mass, i, j, wanted - apart, nx, ny, ci, cj)
+        push(body, state, mass, i, j, wanted - apart, nx, ny, ci, cj)
     return touched, 0.0
 
 
 @cached_njit
-def _steps_apart(state, i, j, distance):  # type: ignore[no-untyped-def]
+def _steps_apart(body, state, i, j, distance):  # type: ignore[no-untyped-def]
     """Number of Bullet steps in which bodies i and j cannot cover a distance that separates them, as speeds only fall."""
     speed = np.sqrt(state[i, VX] ** 2 + state[i, VY] ** 2) + np.sqrt(state[j, VX] ** 2 + state[j, VY] ** 2)
-    speed += (ROUND + CORNER_WORLD) * (abs(state[i, SPIN]) + abs(state[j, SPIN]))
-    if distance >= _MAX_STEPS * STEP_SECONDS * speed:
+    lever = max(body[i].round + body[i].corner, body[j].round + body[j].corner)
+    speed += lever * (abs(state[i, SPIN]) + abs(state[j, SPIN]))
+    step = body[i].step_seconds
+    if distance >= _MAX_STEPS * step * speed:
         return _MAX_STEPS
-    return max(int(distance / (STEP_SECONDS * speed)) - 1, 1) if distance > 0 else 1
+    return max(int(distance / (step * speed)) - 1, 1) if distance > 0 else 1
 
 
 @cached_njit
@@ -224,20 +222,20 @@ def _follow_prescribed(  # type: ignore[no-untyped-def]
 
 @cached_njit
 def _run(  # type: ignore[no-untyped-def]
-    shape, state, change, mass, exists, rebound, rows, is_prescribed, free_at_latest, collisions, start, n_frames
+    body, state, change, mass, exists, rebound, rows, is_prescribed, free_at_latest, collisions, start, n_frames
 ):
     """One run with a perturbation `change` (n, F, 6) of the states.
 
     Returns the states (n, n_frames, 6), the frames of first contacts (n, n), and the frames in which bodies were set free (n,).
     """
-    n = len(shape)
+    n, steps_per_frame = len(body), body[0].steps_per_frame
     states = np.zeros((n, n_frames, STATE_SIZE))
     contact, touched = np.full((n, n), NO_CONTACT), np.zeros((n, n), np.bool_)
     next_look = np.zeros((n, n), np.int64)
     free_from, given, state = free_at_latest.copy(), state, np.empty((n, STATE_SIZE))
     for i in range(n):
         _changed(given[i], change, i, start, state)
-    step_number = start * STEPS_PER_FRAME
+    step_number = start * steps_per_frame
     for frame in range(start, n_frames):
         _follow_prescribed(rows, change, collisions, is_prescribed, frame, exists, state, contact, touched, free_from)
         any_free = False
@@ -246,14 +244,14 @@ def _run(  # type: ignore[no-untyped-def]
             for k in range(STATE_SIZE):
                 states[i, frame, k] = state[i, k]
         if frame == n_frames - 1 or not any_free:
-            step_number += STEPS_PER_FRAME
+            step_number += steps_per_frame
             continue
-        last_step = step_number + STEPS_PER_FRAME
-        for _ in range(STEPS_PER_FRAME):
+        last_step = step_number + steps_per_frame
+        for _ in range(steps_per_frame):
             step_number += 1
             for i in range(n):
                 if exists[i] and frame >= free_from[i]:
-                    slow_down(shape[i], state, i)
+                    slow_down(body[i], state, i)
             for sweep in range(_MAX_SWEEPS):
                 hits = 0
                 for i in range(n):
@@ -263,23 +261,23 @@ def _run(  # type: ignore[no-untyped-def]
                         if frame < free_from[i] and frame < free_from[j]:
                             continue
                         used = touched[i, j] and sweep == 0
-                        touch, distance = _collide(shape, state, mass, i, j, rebound[i, j], used)
+                        touch, distance = _collide(body, state, mass, i, j, rebound[i, j], used)
                         if not touch:
-                            next_look[i, j] = step_number + _steps_apart(state, i, j, distance)
+                            next_look[i, j] = step_number + _steps_apart(body, state, i, j, distance)
                             if frame < free_from[i] or frame < free_from[j]:
                                 next_look[i, j] = min(next_look[i, j], last_step + 1)
                             continue
                         hits += 1
                         touched[i, j] = True
                         if contact[i, j] == NO_CONTACT:
-                            contact[i, j] = contact[j, i] = int(step_number / STEPS_PER_FRAME + 0.5)
-                        for body in (i, j):
-                            free_from[body] = min(free_from[body], frame)
+                            contact[i, j] = contact[j, i] = int(step_number / steps_per_frame + 0.5)
+                        for hit in (i, j):
+                            free_from[hit] = min(free_from[hit], frame)
                             for other in range(n):
-                                next_look[body, other] = next_look[other, body] = step_number
+                                next_look[hit, other] = next_look[other, hit] = step_number
                 if hits < 2:  # one contact needs no second pass; several may press on each other
                     break
             for i in range(n):
                 if exists[i]:
-                    drift(state, i, STEP_SECONDS)
+                    drift(state, i, body[i].step_seconds)
     return states, contact, free_from

@@ -6,10 +6,8 @@ Unlike in `scipy.optimize.least_squares`, the objective returns its gradient and
 import numpy as np
 
 from nsdr.dynamics.numba_cache import cached_njit
-from nsdr.dynamics.physics.contact_geometry import CUBE
 from nsdr.dynamics.physics.fit_objective import LOG_MASS, FitProblem, evaluate
 from nsdr.validation import FloatArray
-from nsdr.world.physics_constants import LOG_MASS_STD
 
 FIRST_RADIUS = 1.0
 """Initial radius of the trust region (units of the parameters)."""
@@ -82,7 +80,7 @@ def minimise(p: FitProblem, x: FloatArray, n_frames: int, evaluations: int) -> t
     return x, cost
 
 
-def log_mass_covariance(problem: FitProblem, curvature: FloatArray, cost: float) -> FloatArray:
+def log_mass_covariance(problem: FitProblem, curvature: FloatArray, cost: float, log_mass_std: float) -> FloatArray:
     """Covariance (n, n) of the errors of the fitted log masses, by the Laplace approximation.
 
     covariance = (information of the data / `DATA_ERROR_SCALE`² + information of the prior)⁻¹
@@ -93,19 +91,20 @@ def log_mass_covariance(problem: FitProblem, curvature: FloatArray, cost: float)
         problem: the problem that was solved.
         curvature: (P, P) curvature of the mean loss at the solution.
         cost: mean loss at the solution.
+        log_mass_std: standard deviation of the prior of log masses, which is the unit of their parameters.
     """
-    result = LOG_MASS_STD**2 * np.eye(len(problem.shape))
+    result = log_mass_std**2 * np.eye(len(problem.body))
     if cost > MAX_COST:
         return result
     deviation = problem.prior[:, 1] / problem.unit
     prior = np.where(np.isfinite(deviation), deviation, 1.0) ** -2.0 * np.isfinite(deviation)
     measured = problem.root_weight > 0
-    n_data = 2 * int(measured.sum()) + 2 * int(measured[problem.shape == CUBE].sum())
+    n_data = 2 * int(measured.sum()) + 2 * int(measured[problem.body["is_box"]].sum())
     total = (n_data + np.count_nonzero(prior)) * np.asarray(curvature)
     prior = np.diag(np.minimum(prior, np.diagonal(total)))
     information = (total - prior) / DATA_ERROR_SCALE**2 + prior
     inverse = np.linalg.inv(information + RIDGE * float(information.max()) * np.eye(len(information)))
     at = np.flatnonzero(problem.parameters[:, 0] == LOG_MASS)
     of = problem.parameters[at, 1]
-    result[np.ix_(of, of)] = inverse[np.ix_(at, at)] * LOG_MASS_STD**2
+    result[np.ix_(of, of)] = inverse[np.ix_(at, at)] * log_mass_std**2
     return result

@@ -10,54 +10,56 @@ from dataclasses import dataclass
 import numpy as np
 
 from nsdr.dynamics.motion_states import COLLISION_MARGIN_FRAMES, REST_SPEED_WORLD_PER_S, MotionStates, detections_in
+from nsdr.dynamics.physics.bodies import body_records
 from nsdr.dynamics.physics.body_state import POSITION, VELOCITY, VX, VY, YAW, X, Y
 from nsdr.dynamics.physics.config import PhysicsConfig
-from nsdr.dynamics.physics.contact_geometry import CUBE
-from nsdr.dynamics.physics.cube_edges import cube_edges_px, projection_rows
+from nsdr.dynamics.physics.cube_edges import box_edges_px, projection_rows
 from nsdr.dynamics.physics.fit_objective import (
     LOG_MASS,
     MAX_FITTED_REBOUND,
     NO_OBJECT,
     PAIR_REBOUND,
+    POSITION_NOISE_WORLD,
     REBOUND,
     FitProblem,
     evaluate,
 )
 from nsdr.dynamics.physics.simulator import BodyStates
 from nsdr.dynamics.physics.solver import log_mass_covariance, minimise
-from nsdr.dynamics.sliding import slide
+from nsdr.dynamics.sliding import law_of, slide
 from nsdr.dynamics.stretch import fit_stretch
 from nsdr.types import Event
 from nsdr.validation import FloatArray, IntArray
-from nsdr.world.physics_constants import FRAME_SECONDS, LOG_MASS_STD
-from nsdr.world.vocabulary import SHAPES
+from nsdr.world.physics import DECIMALS
 
-UNITS = {X: 0.01, Y: 0.01, VX: 0.02, VY: 0.02, YAW: 0.1, LOG_MASS: LOG_MASS_STD, PAIR_REBOUND: 0.15}
-"""Unit of each kind of parameter in the optimiser: a typical change (world units, world units/s, radians)."""
+POSITION_UNIT, VELOCITY_UNIT, YAW_UNIT, REBOUND_UNIT = 0.01, 0.02, 0.1, 0.15
+"""Units of parameters in the optimiser: typical changes (world units and world units/s in CLEVRER, radians). That of log masses
+is the standard deviation of their prior."""
 REBOUND_DEVIATION = 0.2
 """Standard deviation of the prior of a rebound. Set, like the other constants of this module, on left-out scenes of `train`."""
-MAX_REBOUND = 0.65
-"""Largest rebound that a restart draws (Bullet's coefficient of restitution is 0.64)."""
+MAX_REBOUND = 1.015625
+"""Largest rebound that a restart draws, as a multiple of the pair's coefficient of restitution: 0.65 in CLEVRER."""
 MIN_WINDOW_FRAMES = 8
 """Length of the shortest window that is fitted (frames)."""
 YAW_FRAMES = 8
-"""The first guess of the yaw of a cube is based on its edges up to this many frames after its reference frame."""
+"""The first guess of the yaw of a box is based on its edges up to this many frames after its reference frame."""
 DEFAULT_YAW = 0.4
-"""First guess of the yaw of a cube without reliable edges (radians)."""
+"""First guess of the yaw of a box without reliable edges (radians)."""
 MIN_MOVING_FRAMES = 3
 """The first detections of an object must span this many frames to show that it moves."""
 MIN_SPEED_WORLD_PER_S = 0.2
-"""An object that is slower before its first collision is treated as at rest (world units/s)."""
+"""An object that is slower before its first collision is treated as at rest (world units/s in CLEVRER)."""
 EVALUATIONS = 25
 """Largest number of evaluations of the objective for a window."""
 YAW_GUESSES = 12
-"""Number of yaws that are compared for the first guess of a cube's yaw, spread over a quarter turn."""
+"""Number of yaws that are compared in a quarter turn for the first guess of a box's yaw. Boxes with unequal sides are the same
+only after half a turn."""
 GOOD_COST = 0.4
 """A fit with a lower cost is not restarted. At this cost, a fit counts as explaining half of the video."""
 RESTART_YAW_NOISE_PX = 0.7
 """Mean of the exponential noise that a restart adds to the edge error of each yaw before it picks the best (pixels)."""
 RESTART_LOG_MASS_SCALE = 0.7
-"""Standard deviation of the noise that a restart adds to a log mass, in its unit in `UNITS`; it is 1 for other parameters."""
+"""Standard deviation of the noise that a restart adds to a log mass, in its unit; it is 1 for other parameters."""
 
 
 @dataclass(frozen=True)
@@ -115,30 +117,40 @@ class _Problem:
         self.states, self.collisions, self.restarts = states, collisions, restarts
         self.rng = np.random.default_rng(0)
         n, self.frames = states.present.shape
-        self.shape = np.array([SHAPES.index(o.shape) for o in states.objects])
+        world, scales = states.world, states.world.scales
+        self.frame_seconds, self.log_mass_std = world.physics.frame_seconds, world.physics.log_mass_std
+        self.body = body_records(states.objects, world)
+        self.restitution = np.round(np.outer(self.body["restitution"], self.body["restitution"]), DECIMALS)
+        self.min_speed, self.rest_speed = MIN_SPEED_WORLD_PER_S * scales.speed, REST_SPEED_WORLD_PER_S * scales.speed
         self.reference = np.zeros(n)
         self.first = np.zeros((n, LOG_MASS + 1))  # states and log masses
         rows: list[tuple[int, ...]] = []
         for i in range(n):
             moving = self._first_stretch(i)
             collides = any(i in e.objects for e in collisions)
-            is_used = {X: True, Y: True, VX: moving, VY: moving, LOG_MASS: collides, YAW: self.shape[i] == CUBE}
+            is_used = {X: True, Y: True, VX: moving, VY: moving, LOG_MASS: collides, YAW: bool(self.body[i]["is_box"])}
             rows += [(kind, i, NO_OBJECT) for kind, used in is_used.items() if used]
         rows += [(PAIR_REBOUND, *pair) for pair in dict.fromkeys(e.objects for e in collisions)]
         parameters = np.array(rows)
-        self.unit = np.array([UNITS[kind] for kind, _, _ in parameters.tolist()])
+        units = dict.fromkeys((X, Y), POSITION_UNIT * scales.size) | dict.fromkeys(
+            (VX, VY), VELOCITY_UNIT * scales.speed
+        )
+        units |= {YAW: YAW_UNIT, LOG_MASS: self.log_mass_std, PAIR_REBOUND: REBOUND_UNIT}
+        self.unit = np.array([units[kind] for kind, _, _ in parameters.tolist()])
         prior = np.full((len(rows), 2), np.inf)
-        prior[parameters[:, 0] == LOG_MASS] = 0.0, LOG_MASS_STD
-        prior[parameters[:, 0] == PAIR_REBOUND] = REBOUND, REBOUND_DEVIATION
+        prior[parameters[:, 0] == LOG_MASS] = 0.0, self.log_mass_std
+        for k in np.flatnonzero(parameters[:, 0] == PAIR_REBOUND):
+            prior[k] = REBOUND * self.restitution[tuple(parameters[k, 1:])], REBOUND_DEVIATION
         self.problem = FitProblem(
-            self.shape,
-            self.reference * FRAME_SECONDS,
+            self.body,
+            self.reference * self.frame_seconds,
             np.ascontiguousarray(states.location_world, float),
             np.sqrt(states.weight),
             np.ascontiguousarray(states.box_xyxy_px[..., ::2]),
             parameters,
             self.unit,
             prior,
+            POSITION_NOISE_WORLD * scales.size,
             projection_rows(states.camera),
         )
 
@@ -151,10 +163,12 @@ class _Problem:
         if len(mine) < 2:
             mine = seen[:least]
         reference = float(np.round(np.average(mine, weights=weight[mine])))
-        stretch = fit_stretch(states.objects[i].shape, mine, states.location_world[i, mine], weight[mine])
+        stretch = fit_stretch(
+            law_of(states.objects[i], states.world), mine, states.location_world[i, mine], weight[mine]
+        )
         begin, velocity = stretch.velocity_at(np.array([0.0, reference]))
         position, speed = stretch.position_at(np.array([reference]))[0], np.hypot(*velocity)
-        fast = bool(np.hypot(*begin) > REST_SPEED_WORLD_PER_S and speed > MIN_SPEED_WORLD_PER_S)
+        fast = bool(np.hypot(*begin) > self.rest_speed and speed > self.min_speed)
         if len(mine) >= least and fast:
             self.reference[i], self.first[i, VELOCITY] = reference, velocity
         else:
@@ -166,8 +180,8 @@ class _Problem:
     def start(self) -> FloatArray:
         """First guess of the parameters (P,): motion before the first collisions, equal masses, and yaws that fit the edges."""
         rows = self.first.copy()
-        rows[:, YAW] = [self._first_yaw(i) if shape == CUBE else 0.0 for i, shape in enumerate(self.shape)]
-        return self._values(rows, np.full((len(rows), len(rows)), REBOUND))
+        rows[:, YAW] = [self._first_yaw(i) if is_box else 0.0 for i, is_box in enumerate(self.body["is_box"])]
+        return self._values(rows, REBOUND * self.restitution)
 
     def parameters(self, fit: TrajectoryFit) -> FloatArray:
         """The parameters (P,) that correspond to a fit with other collisions."""
@@ -175,10 +189,12 @@ class _Problem:
         for row, o, reference in zip(rows, self.states.objects, self.reference, strict=True):
             speed = float(np.hypot(*row[VELOCITY]))
             direction = row[VELOCITY] / max(speed, 1e-9)
-            distance, later = slide(o.shape, np.array(speed), np.array(reference * FRAME_SECONDS))
+            distance, later = slide(
+                law_of(o, self.states.world), np.array(speed), np.array(reference * self.frame_seconds)
+            )
             row[POSITION] += float(distance) * direction
             row[VELOCITY] = float(later) * direction
-        return self._values(rows, np.where(np.isnan(fit.rebound), REBOUND, fit.rebound))
+        return self._values(rows, np.where(np.isnan(fit.rebound), REBOUND * self.restitution, fit.rebound))
 
     def _values(self, rows: FloatArray, rebound: FloatArray) -> FloatArray:
         """The parameters (P,) for the states and log masses of objects (n, 7) and the rebounds of pairs (n, n)."""
@@ -186,7 +202,7 @@ class _Problem:
         return np.array(values) / self.unit
 
     def _first_yaw(self, i: int, rng: np.random.Generator | None = None) -> float:
-        """The yaw of cube i whose edges fit best in its first frames (radians).
+        """The yaw of box i whose edges fit best in its first frames (radians).
 
         With `rng`, the yaw is drawn at random; yaws that fit better are more probable.
         """
@@ -194,11 +210,12 @@ class _Problem:
         near = near[near <= self.reference[i] + YAW_FRAMES]
         if not len(near):
             return DEFAULT_YAW
-        guesses = np.pi / 2 * np.arange(YAW_GUESSES) / YAW_GUESSES
+        box, (x, y) = self.body[i], self.body[i]["half"]
+        guesses = np.pi / 2 * np.arange(YAW_GUESSES if x == y else 2 * YAW_GUESSES) / YAW_GUESSES
         p, outermost, derivatives = self.problem, np.zeros((2, 2), np.int64), np.empty((2, 3))
         errors = []
         for yaw in guesses:
-            drawn = [cube_edges_px(p.projection, *xy, yaw, outermost, derivatives) for xy in p.position[i, near]]
+            drawn = [box_edges_px(p.projection, box, *xy, yaw, outermost, derivatives) for xy in p.position[i, near]]
             errors.append(np.abs(p.edges_px[i, near] - drawn).mean())
         noise = 0.0 if rng is None else rng.exponential(RESTART_YAW_NOISE_PX, len(errors))
         return float(guesses[int(np.argmin(np.array(errors) + noise))])
@@ -214,7 +231,7 @@ class _Problem:
             start = best.copy()
             for k, (kind, i, j) in enumerate(self.problem.parameters.tolist()):
                 if kind == PAIR_REBOUND and any(e.objects == (i, j) for e in met[-2:]):
-                    start[k] = self.rng.uniform(0, MAX_REBOUND) / self.unit[k]
+                    start[k] = self.rng.uniform(0, MAX_REBOUND * self.restitution[i, j]) / self.unit[k]
                 elif kind == YAW and i in concerned:
                     start[k] = self._first_yaw(i, self.rng) / self.unit[k]
                 elif i in concerned and kind != PAIR_REBOUND:
@@ -227,14 +244,15 @@ class _Problem:
     def result(self, x: FloatArray) -> TrajectoryFit:
         """The run with parameters `x` (P,)."""
         cost, _, curvature, states, contact = evaluate(self.problem, x, self.frames)
-        n = len(self.shape)
+        n = len(self.body)
         mass, rebound = np.ones(n), np.full((n, n), np.nan)
+        most = np.minimum(MAX_FITTED_REBOUND * self.restitution, 1.0)
         for value, (kind, i, j) in zip(x * self.unit, self.problem.parameters, strict=True):
             if kind == LOG_MASS:
                 mass[i] = np.exp(value)
             elif kind == PAIR_REBOUND:
-                rebound[i, j] = rebound[j, i] = min(max(value, 0.0), MAX_FITTED_REBOUND)
-        covariance = log_mass_covariance(self.problem, curvature, float(cost))
+                rebound[i, j] = rebound[j, i] = min(max(value, 0.0), most[i, j])
+        covariance = log_mass_covariance(self.problem, curvature, float(cost), self.log_mass_std)
         return TrajectoryFit(
-            BodyStates(self.shape, states[:, 0], mass), rebound, states, contact, float(cost), covariance
+            BodyStates(self.body, states[:, 0], mass), rebound, states, contact, float(cost), covariance
         )

@@ -28,6 +28,7 @@ from nsdr.io.device import exact_convolutions, limit_threads
 from nsdr.types import Event, Rollout
 from nsdr.validation import BoolArray, FloatArray
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.world import check_as_clevrer
 
 
 class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
@@ -54,6 +55,7 @@ class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
     @limit_threads(1)
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
         """Detect the collisions in the video unless they are given; see `nsdr.dynamics.Dynamics`."""
+        check_as_clevrer(states.world, "the network")
         observed = self.observed_collisions(states) if collisions is None else collisions
         smoothed = smooth_tracks(states, observed)
 
@@ -197,7 +199,7 @@ class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
         pixels = boxes[:, :, :total, :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
         location = states.camera.ground(np.nan_to_num(pixels, nan=-1.0))
         location[np.isnan(pixels).any(-1)] = np.nan
-        shapes = [o.shape for o in states.objects]
+        shapes = [states.world.vocabulary.shape(o.shape) for o in states.objects]
         inside = np.stack([rollout_in_image(shapes, location[k], states.camera) for k in range(n_rollouts)])
         averaged, ends = self._averaged(np.stack(predictions)), start + stride * np.arange(len(predictions) + 1)
         rollouts = []

@@ -21,6 +21,7 @@ from nsdr.dynamics.track_smoothing import (
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
 from nsdr.types import Event, Rollout
+from nsdr.world.world import check_as_clevrer
 
 PEAK_FRAMES = 4
 """The frame of a collision is the mean, weighted by probability, over this many frames on each side of the most probable
@@ -51,6 +52,7 @@ class PropNetPredictor(PretrainedPart[PropNet]):
     @limit_threads(1)
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
         """Detect the collisions in the video unless they are given; see `nsdr.dynamics.Dynamics`."""
+        check_as_clevrer(states.world, "the network")
         observed = self.observed_collisions(states) if collisions is None else collisions
         smoothed = smooth_tracks(states, observed)
 
@@ -70,6 +72,7 @@ class PropNetPredictor(PretrainedPart[PropNet]):
     @torch.no_grad()
     def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
         """For every pair that is ever present together, its most probable collision and its probability, in order of frames."""
+        check_as_clevrer(states.world, "the network")
         n, frames = states.present.shape
         if n < 2:
             return []
@@ -181,7 +184,9 @@ class PropNetPredictor(PretrainedPart[PropNet]):
         shapes = np.array([o.shape for o in states.objects])
         for shape in np.unique(shapes):
             frames = free_frames & (exists & (shapes == shape))[..., None]
-            visible[frames] = rollout_in_image([shape], location[frames][None], states.camera)[0]
+            visible[frames] = rollout_in_image(
+                [states.world.vocabulary.shape(shape)], location[frames][None], states.camera
+            )[0]
         as_observed = (np.arange(n_frames) <= free_from[..., None]) | ~free_frames[..., :n_frames]
         fitted = np.isfinite(smoothed.location_world) & states.present[..., None]
         shown = np.where(fitted, smoothed.location_world, states.location_world)

@@ -13,7 +13,6 @@ import numpy as np
 from nsdr.generate.quiet import quiet
 from nsdr.io.files import check_installed
 from nsdr.validation import FloatArray, NotNegative, Settings, Share
-from nsdr.world.physics_constants import CONTACT_PAUSE_STEPS, STEP_SECONDS
 from nsdr.world.shapes import hull_vertices
 from nsdr.world.world import CLEVRER_WORLD, World
 
@@ -167,7 +166,7 @@ class Simulator:
             passing: two bodies that pass through each other.
         """
         p, client, per_frame = self._bullet, self._client, self.world.physics.steps_per_frame
-        pause = round(CONTACT_PAUSE_STEPS * (STEP_SECONDS / self.world.physics.step_seconds))
+        pause = self.world.physics.contact_pause_steps
         numbers, reach = self._build(bodies), self._near_world(bodies)
         if passing is not None:
             p.setCollisionFilterPair(*(numbers[i] for i in passing), -1, -1, 0, physicsClientId=client)
