@@ -67,3 +67,13 @@ def box_edges_px(projection, box, x, y, yaw, start, derivatives):  # type: ignor
                 derivatives[side, 2] = by_x * (-s * kx - c * ky) + by_y * (c * kx - s * ky)
         edges = (edges[1], sign * best)
     return edges[0] + EDGES_PX[0], edges[1] + EDGES_PX[1]
+
+
+@cached_njit
+def drawn_edges_px(projection, box, position, yaws):  # type: ignore[no-untyped-def]
+    """(Y, N, 2) left and right edges of a box in the image (pixels) at positions (N, 2), for each of some yaws (Y,)."""
+    edges, start, derivatives = np.empty((len(yaws), len(position), 2)), np.zeros((2, 2), np.int64), np.empty((2, 3))
+    for k in range(len(yaws)):
+        for t in range(len(position)):
+            edges[k, t] = box_edges_px(projection, box, position[t, 0], position[t, 1], yaws[k], start, derivatives)
+    return edges

@@ -13,7 +13,7 @@ from nsdr.dynamics.motion_states import COLLISION_MARGIN_FRAMES, REST_SPEED_WORL
 from nsdr.dynamics.physics.bodies import body_records
 from nsdr.dynamics.physics.body_state import POSITION, VELOCITY, VX, VY, YAW, X, Y
 from nsdr.dynamics.physics.config import PhysicsConfig
-from nsdr.dynamics.physics.cube_edges import box_edges_px, projection_rows
+from nsdr.dynamics.physics.cube_edges import drawn_edges_px, projection_rows
 from nsdr.dynamics.physics.fit_objective import (
     LOG_MASS,
     MAX_FITTED_REBOUND,
@@ -212,11 +212,9 @@ class _Problem:
             return DEFAULT_YAW
         box, (x, y) = self.body[i], self.body[i]["half"]
         guesses = np.pi / 2 * np.arange(YAW_GUESSES if x == y else 2 * YAW_GUESSES) / YAW_GUESSES
-        p, outermost, derivatives = self.problem, np.zeros((2, 2), np.int64), np.empty((2, 3))
-        errors = []
-        for yaw in guesses:
-            drawn = [box_edges_px(p.projection, box, *xy, yaw, outermost, derivatives) for xy in p.position[i, near]]
-            errors.append(np.abs(p.edges_px[i, near] - drawn).mean())
+        p = self.problem
+        drawn = drawn_edges_px(p.projection, box, p.position[i, near], guesses)
+        errors = [np.abs(p.edges_px[i, near] - edges).mean() for edges in drawn]
         noise = 0.0 if rng is None else rng.exponential(RESTART_YAW_NOISE_PX, len(errors))
         return float(guesses[int(np.argmin(np.array(errors) + noise))])
 
