@@ -108,7 +108,7 @@ def table_of(outcomes: Sequence[tuple[str, str, int]]) -> str:
 
 def true_motion(truth: Any, true: Scene) -> Scene:
     """The true scene with the motion of objects in the image."""
-    places = [[o["location"][:2] for o in frame["objects"]] for frame in truth["frames"]]
+    places = [[o["location"] for o in frame["objects"]] for frame in truth["frames"]]
     return replace(true, motion_px=motion_px(np.array(places).swapaxes(0, 1), true.visible, CAMERA))
 
 

@@ -559,7 +559,8 @@ def test_the_probability_of_a_direction_is_of_the_world_that_was_supposed(known:
 
 def test_motion_in_the_image_is_from_the_first_to_the_last_visible_frame() -> None:
     """Away from CLEVRER's camera, along x, is up in its image; to the right, along y, is to the right."""
-    location = np.zeros((2, 10, 2))
+    location = np.zeros((2, 10, 3))
+    location[..., 2] = 0.2
     location[0, :, 0] = np.linspace(1, -1, 10)
     location[1, :, 1] = np.linspace(-1, 1, 10)
     visible = np.ones((2, 8), bool)

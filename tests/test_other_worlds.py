@@ -11,6 +11,7 @@ from pycocotools import mask as rle
 from nsdr import World
 from nsdr.clevrer import scene_from_annotation, scene_from_truth
 from nsdr.clevrer.files.annotations import check_truth, read_annotation, read_truth_file
+from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletMotion, Simulator
@@ -21,13 +22,15 @@ from nsdr.generate.render.view import View
 from nsdr.generate.violations import ViolationsConfig
 from nsdr.io.reading import read_json
 from nsdr.io.worlds import world_in
-from nsdr.types import SceneObject
+from nsdr.symbolic.quantities import Quantities
+from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, Scene, SceneObject
 from nsdr.world.camera import Camera
 from nsdr.world.layout import Layout
 from nsdr.world.look import Lamp, Look
 from nsdr.world.physics import Physics, Timeline
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import Color, Material, Shape, Vocabulary
+from nsdr.world.world import CLEVRER_WORLD
 
 DISC = Shape("disc", "cylinder", (0.5, 0.5, 0.16), 0.03)
 COIN = Shape("coin", "cylinder", (0.3, 0.3, 0.16), 0.03)
@@ -189,3 +192,35 @@ def test_a_data_set_of_another_world_is_not_continued(folder) -> None:
     config = DatasetConfig(str(folder), 2, 1, splits={"train": 1.0}, questions=None, world=other, workers=1)
     with pytest.raises(DataError, match="was made with another world"):
         generate_dataset(config)
+
+
+def test_scales_compare_a_world_with_clevrers() -> None:
+    assert set(CLEVRER_WORLD.scales) == {1.0}
+    assert DISCS.scales == pytest.approx((0.3 / 0.4, 1.0, 5 / 4, 45 / 28, 320 / 480))
+
+
+def test_directions_are_seen_from_the_camera() -> None:
+    """The camera of this world is 20.6 degrees off the x axis."""
+    angle = np.radians(DISCS.camera.azimuth_degrees + 90)
+    velocity = np.tile([2 * np.cos(angle), 2 * np.sin(angle)], (1, 60, 1))
+    scene = Scene.of(["teal wood brick"], world=DISCS)
+    physics = ObjectPhysics(velocity, velocity_error_world_per_s=0.0)
+    for camera, direction in ((DISCS.camera, "right"), (Camera((-1.6, 4.0, 4.0)), "towards the camera")):
+        world = replace(DISCS, camera=replace(camera, width=320, height=192))
+        asked = replace(scene, physics=physics, world=world)
+        assert Quantities(asked).direction(0, 0) == direction
+
+
+def test_a_scene_counts_motion_by_the_worlds_time_and_sees_objects_at_their_heights() -> None:
+    location = np.zeros((2, 60, 2))
+    location[0, :, 0] = 0.0021 * np.arange(60)
+    location[1, :, 1] = 0.003 * np.arange(60)
+    objects = SceneObject(0, "orange", "wood", "disc"), SceneObject(1, "teal", "steel", "brick")
+    rollout = Rollout(location, np.ones((2, 60), bool), ())
+    scene = scene_from_prediction(DynamicsPrediction(objects, 60, rollout, world=DISCS))
+    assert scene.moving is not None
+    assert not scene.moving[0].any()  # 0.047 world units a second, and 0.075 if frames took as long as CLEVRER's
+    assert scene.moving[1].all()
+    first, last = DISCS.camera.pixels([[0.0, 0.0, 0.15], [0.0, 0.003 * 59, 0.15]])
+    assert scene.motion_px is not None
+    assert scene.motion_px[1] == pytest.approx(last - first)

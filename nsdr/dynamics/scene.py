@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, UncertainEvent, VideoTracks
 from nsdr.types.events import collisions_in_view, enter_exit_events, in_order
 from nsdr.world.camera import Camera, on_ground
-from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S
 
 PREDICTED_MOVING_SPEED_WORLD_PER_S = 0.05
-"""Where no speed was fitted, an object counts as moving above this speed (world units/s). It is higher than
-`MOVING_SPEED_WORLD_PER_S` because noisy positions make resting objects seem to creep. Set on ten annotation files."""
+"""Where no speed was fitted, an object counts as moving above this speed, multiplied by `Scales.speed` (world units/s). It is
+higher than `Physics.moving_speed_world_per_s` because noisy positions make resting objects seem to creep. Set on ten annotation
+files."""
 SPEED_WINDOW_FRAMES = 11
 """Number of frames of the line whose slope is the speed where no speed was fitted. Set on ten annotation files."""
 
@@ -25,20 +25,21 @@ def scene_from_prediction(
 
     Entrances and exits after the video, and with an object removed, are those of the rollouts.
 
-    An object moves when its speed exceeds `MOVING_SPEED_WORLD_PER_S`. Where the prediction has no speed, an object moves when
-    it is faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames before the current one and in the frames after it.
-    So it is at rest until it is hit, and again as soon as it has stopped.
+    An object moves when its speed exceeds the world's `Physics.moving_speed_world_per_s`. Where the prediction has no speed, an
+    object moves when it is faster than `PREDICTED_MOVING_SPEED_WORLD_PER_S` both in the frames before the current one and in
+    the frames after it. So it is at rest until it is hit, and again as soon as it has stopped.
 
     Args:
         prediction: output of a dynamics backend.
         existence: (n,) probability that each object exists, if the video was perceived (`Scene.existence`).
     """
-    n_frames = prediction.n_frames
+    n_frames, world = prediction.n_frames, prediction.world
     visible = prediction.observed.visible[:, :n_frames]
-    moving = _speed(prediction.observed.location_world[:, :n_frames]) > PREDICTED_MOVING_SPEED_WORLD_PER_S
+    speed = _speed(prediction.observed.location_world[:, :n_frames], world.physics.frame_seconds)
+    moving = speed > PREDICTED_MOVING_SPEED_WORLD_PER_S * world.scales.speed
     if prediction.observed.speed_world_per_s is not None:
         speed = prediction.observed.speed_world_per_s[:, :n_frames]
-        moving = np.where(np.isnan(speed), moving, np.nan_to_num(speed) > MOVING_SPEED_WORLD_PER_S)
+        moving = np.where(np.isnan(speed), moving, np.nan_to_num(speed) > world.physics.moving_speed_world_per_s)
     collisions = prediction.observed.collisions
     borders = borders_of(prediction.observed)
     events = [e for e in borders if e.frame < n_frames] + collisions_in_view(collisions, visible)
@@ -46,6 +47,8 @@ def scene_from_prediction(
     counterfactual = {removed: events_of(rollout) for removed, rollout in prediction.counterfactual.items()}
     scores = prediction.observed.predicted_scores
     uncertain = _uncertain(prediction, visible)
+    heights = [world.vocabulary.shape(o.shape).height_world for o in prediction.objects]
+    centres = on_ground(prediction.observed.location_world, np.array(heights)[:, None])
     return Scene(
         prediction.objects,
         n_frames,
@@ -58,8 +61,8 @@ def scene_from_prediction(
         uncertain=uncertain,
         physics=prediction.physics,
         existence=existence,
-        motion_px=motion_px(prediction.observed.location_world, visible, prediction.world.camera),
-        world=prediction.world,
+        motion_px=motion_px(centres, visible, world.camera),
+        world=world,
         collisions_only=False,
     )
 
@@ -81,7 +84,7 @@ def motion_px(location_world: NDArray[np.floating[Any]], visible: NDArray[np.boo
     """Displacement of each object in the image from its first visible frame to its last (`Scene.motion_px`).
 
     Args:
-        location_world: (n, F or more, 2) positions on the ground (world units).
+        location_world: (n, F or more, 3) centres of the objects (world units).
         visible: (n, F) whether each object is in the image.
         camera: the camera that took the video.
 
@@ -91,7 +94,7 @@ def motion_px(location_world: NDArray[np.floating[Any]], visible: NDArray[np.boo
     motion = np.full((len(visible), 2), np.nan)
     for i, frames in enumerate(map(np.flatnonzero, visible)):
         if len(frames):
-            first, last = camera.pixels(on_ground(location_world[i, frames[[0, -1]]]))
+            first, last = camera.pixels(location_world[i, frames[[0, -1]]])
             motion[i] = last - first
     return motion
 
@@ -110,7 +113,7 @@ def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tu
     return tuple(found)
 
 
-def _speed(location_world: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+def _speed(location_world: NDArray[np.floating[Any]], frame_seconds: float) -> NDArray[np.floating[Any]]:
     """Speed (n, F) in world units per second: the smaller of the speeds just before and just after each frame.
 
     Each of the two is the slope of the least-squares line through the `SPEED_WINDOW_FRAMES` that end or start at the frame.
@@ -119,7 +122,7 @@ def _speed(location_world: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any
     window = min(SPEED_WINDOW_FRAMES, frames)
     if window < 2:
         return np.zeros((n, frames))
-    time = (np.arange(window) - (window - 1) / 2) * FRAME_SECONDS
+    time = (np.arange(window) - (window - 1) / 2) * frame_seconds
     windows = np.lib.stride_tricks.sliding_window_view(location_world, window, axis=1)  # (n, F - window + 1, 2, window)
     slope = np.linalg.norm(windows @ (time / (time @ time)), axis=-1)
     missing = np.full((n, window - 1), np.inf)

@@ -16,10 +16,9 @@ from typing import Any
 from nsdr.clevrer.files.predictions import PredictionFile
 from nsdr.errors import ExecutionError, NsdrError, ProgramError
 from nsdr.symbolic.modules import MODULES, WORDS, Kind, as_set
-from nsdr.symbolic.official_facts import OfficialEvent, OfficialFacts
+from nsdr.symbolic.official_facts import VIDEO_FRAMES, OfficialEvent, OfficialFacts
 from nsdr.symbolic.program import ProgramSource, program_tokens
 from nsdr.types import Answer, ChoiceAnswer, TraceStep
-from nsdr.world.physics_constants import VIDEO_FRAMES
 
 ERROR = "error"
 """The answer of a program that fails."""

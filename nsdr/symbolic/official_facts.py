@@ -20,8 +20,9 @@ from nsdr.clevrer.velocity_rule import GridPath, GridPosition, sampled_velocity,
 from nsdr.errors import DataError, ExecutionError
 from nsdr.symbolic.causal import ancestor_sets
 from nsdr.types import Event, SceneObject
-from nsdr.world.physics_constants import VIDEO_FRAMES
+from nsdr.world.world import CLEVRER_WORLD
 
+VIDEO_FRAMES = CLEVRER_WORLD.timeline.frames
 UNKNOWN_OBJECT = -1
 """Id of every object whose attribute triple is not listed."""
 END_FRAME = 125

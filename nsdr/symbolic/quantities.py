@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from nsdr.errors import DataError, ExecutionError
 from nsdr.types import Event, Scene, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, intervention_text
-from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S, SAME_EVENT_FRAMES
+from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 from nsdr.world.vocabulary import DIRECTIONS, STATIONARY
 
 Simulate = Callable[[Intervention, int], Sequence[Event]]
@@ -61,10 +61,10 @@ class Quantities:
     def direction(self, i: int, frame: int | None) -> str:
         """One of `nsdr.world.vocabulary.DIRECTIONS`."""
         vx, vy = self._velocity(i, frame)
-        speed, error = math.hypot(vx, vy), self._speed_error
-        if speed <= MOVING_SPEED_WORLD_PER_S + SURE * error:
+        speed, error, world = math.hypot(vx, vy), self._speed_error, self._scene.world
+        if speed <= world.physics.moving_speed_world_per_s + SURE * error:
             raise ExecutionError(f"the {self._name(i)} hardly moves at frame {frame}, so it has no direction")
-        angle = math.degrees(math.atan2(vy, vx)) % 360
+        angle = (math.degrees(math.atan2(vy, vx)) - world.camera.azimuth_degrees) % 360
         nearest = round(angle / 90) % 4
         off = abs((angle - 90 * nearest + 180) % 360 - 180)
         if off + math.degrees(SURE * error / speed) > CLEAR_DEGREES:

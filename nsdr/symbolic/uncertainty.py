@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from nsdr.types import Event, Scene, UncertainEvent
 from nsdr.types.events import collisions_in_view, enter_exit_events
-from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 
 N_DRAWS = 512
 """Draws of possible scenes. Probabilities that depend on several uncertain things are off by 0.006 on average."""
@@ -90,7 +89,7 @@ def _perceived(scene: Scene, existence: NDArray[Any]) -> list[_Uncertain]:
     found += [_Uncertain("frames_off", event, off, share) for event in observed]
     if scene.physics is not None:
         speed, error = _speeds(scene)
-        slow = (speed > 0) & (abs(speed - MOVING_SPEED_WORLD_PER_S) < SPEED_ERRORS[-1] * error)
+        slow = (speed > 0) & (abs(speed - scene.world.physics.moving_speed_world_per_s) < SPEED_ERRORS[-1] * error)
         equal = [1 / len(SPEED_ERRORS)] * len(SPEED_ERRORS)
         found += [_Uncertain("speed_error", i, SPEED_ERRORS, equal) for i in np.flatnonzero(slow.any(1)).tolist()]
     return found
@@ -154,9 +153,9 @@ def _moving(scene: Scene, draw: _Draw) -> NDArray[np.bool_] | None:
     """(n, F) which objects move at the speeds that were drawn."""
     if scene.moving is None or not draw.speed_error:
         return scene.moving
-    (speed, error), moving = _speeds(scene), scene.moving.copy()
+    (speed, error), moving, least = _speeds(scene), scene.moving.copy(), scene.world.physics.moving_speed_world_per_s
     for i, off in draw.speed_error.items():
-        moving[i] = np.where(speed[i] > 0, speed[i] + off * error > MOVING_SPEED_WORLD_PER_S, moving[i])
+        moving[i] = np.where(speed[i] > 0, speed[i] + off * error > least, moving[i])
     return moving
 
 

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from nsdr.types.arrays import ArrayHolder
 from nsdr.types.events import Event, event_sentence, in_order, visible_by
@@ -21,7 +22,7 @@ from nsdr.validation import (
     Share,
     expect,
 )
-from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.camera import CLEVRER_CAMERA, Camera, on_ground
 from nsdr.world.world import CLEVRER_WORLD, World
 
 EventSource = Event | tuple[Any, ...]
@@ -80,12 +81,19 @@ class Rollout(ArrayHolder):
         for event in (d.event for d in self.uncertain or ()):
             expect(event.objects[-1] < n, "Rollout.uncertain", f"events of the {n} objects", event)
 
-    def pixels(self, camera: Camera = CLEVRER_CAMERA) -> FloatArray:
+    def pixels(
+        self, camera: Camera = CLEVRER_CAMERA, height_world: ArrayLike = CLEVRER_WORLD.vocabulary.shapes[0].height_world
+    ) -> FloatArray:
         """Where the objects' centres are in the image: (n_objects, F, 2) float, (column, row) (pixels).
 
         They may lie outside of the image; NaN where the position is not known, or behind the camera.
+
+        Args:
+            camera: the camera that took the video.
+            height_world: how high the centres are, for all objects or for each (n_objects,) (world units).
         """
-        return camera.pixels(self.location_world)
+        heights = np.broadcast_to(height_world, len(self.visible))
+        return camera.pixels(on_ground(self.location_world, heights[:, None]))
 
     def __str__(self) -> str:
         n, frames = self.visible.shape
@@ -100,7 +108,8 @@ def yaws(rollout: Rollout) -> FloatArray:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ObjectPhysics(ArrayHolder):
-    """Velocities and relative masses of n objects, with their errors. Seconds are of simulated time: a frame is 0.028 s.
+    """Velocities and relative masses of n objects, with their errors. Seconds are of simulated time: a frame of CLEVRER is
+    0.028 s (`Physics.frame_seconds`).
 
     Attributes:
         velocity_world_per_s: (n, n_frames, 2) float, on the ground: towards the camera, and to the right of the image (world

@@ -149,6 +149,12 @@ class Camera:
         return np.stack([right, np.cross(forward, right), forward])
 
     @property
+    def azimuth_degrees(self) -> float:
+        """The direction from the target to the camera, from the x axis to the y axis; CLEVRER's camera is on the x axis."""
+        (x, y, _), (to_x, to_y, _) = self.eye_world, self.target_world
+        return math.degrees(math.atan2(y - to_y, x - to_x))
+
+    @property
     def focal_px(self) -> float:
         """Focal length (pixels)."""
         return self.width * self.lens_mm / SENSOR_MM
@@ -324,10 +330,10 @@ def _expected_error(parameters: FloatArray, jacobian: FloatArray) -> float:
     return float(np.sqrt(np.median(variance[seen]))) if seen.any() else math.inf
 
 
-def on_ground(location_world: ArrayLike, height_world: float = OBJECT_RADIUS_WORLD) -> FloatArray:
-    """Ground-plane positions (..., 2) -> centres (..., 3), at `height_world`, of objects standing there."""
+def on_ground(location_world: ArrayLike, height_world: ArrayLike = OBJECT_RADIUS_WORLD) -> FloatArray:
+    """Ground-plane positions (..., 2) -> centres (..., 3) of objects standing there, whose centres are so high (...)."""
     xy = np.asarray(location_world, float)
-    return np.concatenate([xy, np.full((*xy.shape[:-1], 1), height_world)], -1)
+    return np.concatenate([xy, np.broadcast_to(height_world, xy.shape[:-1])[..., None]], -1)
 
 
 def grid_from_pixels(pixels: ArrayLike) -> FloatArray:

@@ -29,7 +29,8 @@ OBJECT_NOUNS = ("object", "thing", "item", "obj", "entity", "thingy")
 OBJECTS_NOUNS = ("objects", "things", "items", "objs", "entities", "bodies")
 """Nouns for any object."""
 DIRECTIONS = ("towards the camera", "right", "away from the camera", "left")
-"""Answers beyond CLEVRER: directions of motion at 0, 90, 180 and 270 degrees from the x axis to the y axis."""
+"""Answers beyond CLEVRER: directions of motion at 0, 90, 180 and 270 degrees from the direction of the camera, which is that of
+the x axis in CLEVRER, towards the y axis."""
 IMAGE_DIRECTIONS = ("up and to the left", "up and to the right", "down and to the left", "down and to the right")
 """Answers beyond CLEVRER: where an object moves in the image, over the whole video."""
 STATIONARY = "stationary"

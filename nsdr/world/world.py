@@ -22,11 +22,15 @@ class Scales(NamedTuple):
         size: width of the narrowest shape.
         speed: fastest start.
         step: distance at the fastest start in a step of the simulation.
+        frame: distance at the fastest start from one frame to the next.
+        px: width of images.
     """
 
     size: float
     speed: float
     step: float
+    frame: float
+    px: float
 
 
 @dataclass(frozen=True)
@@ -79,11 +83,11 @@ class World(Checked):
         return found
 
 
-def _measures(world: World) -> tuple[float, float, float]:
-    """What the fields of `Scales` compare (world units, world units/s)."""
+def _measures(world: World) -> tuple[float, ...]:
+    """What the fields of `Scales` compare (world units, world units/s, pixels)."""
     width = min(width for shape in world.vocabulary.shapes for width in shape.size_world[:2])
-    fastest = world.physics.start_speed_world_per_s[1]
-    return width, fastest, fastest * world.physics.step_seconds
+    physics, fastest = world.physics, world.physics.start_speed_world_per_s[1]
+    return width, fastest, fastest * physics.step_seconds, fastest * physics.frame_seconds, world.camera.width
 
 
 CLEVRER_WORLD = World()
