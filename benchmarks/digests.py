@@ -135,7 +135,10 @@ def generated(_: Namespace) -> Stages:
         nsdr.generate_dataset(config)
         for kind in ("annotations", "derender_proposals", "truth", "questions", "counterfactual"):
             yield kind, contents(root, f"{kind}/**/*.json")
-        for form in (*FORMATS, PAIRS):
+        texts = [
+            name for name, form in FORMATS.items() if form.suffix == ".jsonl" and not form.n_frames
+        ]  # there are no videos
+        for form in (*texts, PAIRS):
             folder = Path(temporary) / form
             more: dict[str, Any] = {} if form == PAIRS else {"videos": "none", "reasoning": "long", "scenes": True}
             export_dataset(ExportConfig(str(root), str(folder), form, **more))

@@ -7,11 +7,15 @@ import re
 import shutil
 import socket
 from collections import Counter
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import cv2
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from pyarrow import parquet
 
 from nsdr import DataError, Scene, load, verify
 from nsdr.baselines.q_type import q_type_answers
@@ -39,7 +43,7 @@ from nsdr.generate.export.pairs import _changed
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.files import write_json
-from nsdr.io.video import even_frames
+from nsdr.io.video import even_frames, write_video
 from nsdr.rewards import evidence
 from nsdr.symbolic import Executor
 
@@ -59,8 +63,13 @@ def questions_of(index: int) -> SceneQuestions:
     return SceneQuestions(index, f"video_{index:05d}.mp4", (OPEN, WHAT_IF, NONE_RIGHT))
 
 
+@cache
 def video_of(index: int) -> bytes:
-    return f"frames of {index}".encode() * 10
+    """A video of 20 frames of 96x64 pixels."""
+    with TemporaryDirectory() as folder:
+        shades = (np.full((64, 96, 3), 60 + 7 * frame + index % 10, np.uint8) for frame in range(20))
+        write_video(Path(folder) / "video.mp4", shades, preset="ultrafast")
+        return (Path(folder) / "video.mp4").read_bytes()
 
 
 @pytest.fixture
@@ -110,12 +119,12 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def test_rows_have_prompt_solution_tags_programs_and_seed() -> None:
     first, second, third = (
-        FORMATS["grpo"].row(Sample(q, "validation", 10003, "v.mp4", 42)) for q in questions_of(10003).questions
+        FORMATS["swift"].row(Sample(q, "validation", 10003, "v.mp4", 42)) for q in questions_of(10003).questions
     )
     assert (first["id"], second["id"], second["scene_index"], second["question_id"]) == ("10003-0", "10003-3", 10003, 3)
     for row, question in zip((first, second, third), questions_of(0).questions, strict=True):
         assert row["solution"] == solution(question)
-        assert (row["split"], row["video"], row["seed"]) == ("validation", "v.mp4", 42)
+        assert (row["split"], row["videos"], row["seed"]) == ("validation", ["v.mp4"], 42)
     assert (first["options"], first["letters"], first["tags"]) == ([], [], [])
     assert (second["letters"], second["solution"]) == (["A", "B", "C"], "<answer>A,C</answer>")
     assert second["tags"] == ["observational", "inferential", None]
@@ -124,25 +133,66 @@ def test_rows_have_prompt_solution_tags_programs_and_seed() -> None:
 
 
 def test_the_page_has_all_columns() -> None:
-    fields = PAGE.read_text().split("## Fields")[1].split("## Pairs")[0]
-    assert all(f"`{name}`" in fields for form in FORMATS.values() for name in form.columns)
+    page = PAGE.read_text()
+    assert all(f"`{name}`" in page for form in FORMATS.values() for name in form.columns)
 
 
-def test_grpo_rows_are_conversations_with_columns_for_rewards(root, tmp_path, capsys) -> None:
-    out = export(root, tmp_path / "out", "--format", "grpo")
-    assert "train: 9 questions about 3 videos" in capsys.readouterr().out
-    found = rows(out / "train.jsonl")
-    assert [row["id"] for row in found[:4]] == ["0-0", "0-3", "0-4", "1-0"]
-    video, text = found[1]["prompt"][0]["content"]
-    assert found[1]["prompt"][0]["role"] == "user"
-    assert video == {"type": "video", "video": "videos/train/video_00000-01000/video_00000.mp4"}
-    assert text == {"type": "text", "text": prompt(WHAT_IF)}
-    assert found[1]["solution"] == solution(WHAT_IF)
-    assert found[1]["options"] == [c.text for c in CHOICES]
-    assert (out / found[3]["video"]).read_bytes() == video_of(1)
-    assert [row["seed"] for row in found] == [CONFIG.scene_seed(index) for index in (0, 0, 0, 1, 1, 1, 2, 2, 2)]
-    assert [row["split"] for row in rows(out / "validation.jsonl")] == ["validation"] * 3
-    assert not (out / "test.jsonl").exists()
+def test_every_format_has_the_question_its_video_and_its_answer(root, tmp_path, capsys) -> None:
+    """The second row, of which options A and C are right, in all formats."""
+    found = {}
+    for name, form in FORMATS.items():
+        out = export(root, tmp_path / name, "--format", name, "--prefix", "data/")
+        assert "train: 9 questions about 3 videos" in capsys.readouterr().out
+        assert not list(out.glob("test*"))
+        table = rows(out / "train.jsonl") if form.suffix == ".jsonl" else parquet.read_table(out / "train.parquet")
+        found[name] = (table if isinstance(table, list) else table.to_pylist())[1]
+        assert (out / "videos/train/video_00000-01000/video_00000.mp4").read_bytes() == video_of(0)
+    video, asked, right = "data/videos/train/video_00000-01000/video_00000.mp4", prompt(WHAT_IF), solution(WHAT_IF)
+    texts = [c.text for c in CHOICES]
+    user = {"role": "user", "content": "<video>" + asked}
+    trl, verl, easyr1 = found["trl"], found["verl"], found["easyr1"]
+    assert (trl["prompt"], trl["completion"]) == (
+        [user | {"content": asked}],
+        [{"role": "assistant", "content": right}],
+    )
+    assert trl["images"] == [f"data/frames/train/video_00000/{i:03d}.jpg" for i in range(16)]
+    assert (trl["solution"], trl["options"]) == (right, texts)
+    assert (verl["prompt"], verl["videos"], verl["data_source"]) == ([user], [{"video": video}], "clevrer")
+    assert verl["reward_model"] == {"style": "rule", "ground_truth": right}
+    assert (verl["extra_info"]["options"], verl["extra_info"]["id"]) == (texts, "0-3")
+    assert (easyr1["problem"], easyr1["videos"]) == ("<video>" + asked, [video])
+    assert json.loads(easyr1["answer"]) == {"solution": right, "options": texts}
+    swift, chat, lmms = found["swift"], found["chat"], found["lmms_eval"]
+    assert swift["messages"] == [user, {"role": "assistant", "content": right}]
+    assert (swift["videos"], swift["solution"], swift["options"]) == ([video], right, texts)
+    parts = [{"type": "video", "video": video}, {"type": "text", "text": asked}]
+    assert chat["messages"][0] == {"role": "user", "content": parts}
+    assert (lmms["prompt"], lmms["target"], lmms["options"], lmms["video"]) == (asked, right, texts, video)
+    r1 = found["video_r1"]
+    assert (r1["path"], r1["solution"], r1["data_type"], r1["problem_type"]) == (
+        video,
+        right,
+        "video",
+        "multiple choice",
+    )
+    assert r1["options"] == [f"{letter}. {text}" for letter, text in zip("ABC", texts, strict=True)]
+    assert r1["problem"] == f"{WHAT_IF.text} {asked.splitlines()[-1]}"
+    kinds = [
+        FORMATS["video_r1"].row(Sample(replace(OPEN, answer=a), "train", 0, ""))["problem_type"] for a in ("red", "2")
+    ]
+    assert kinds == ["free-form", "numerical"]
+
+
+def test_frames_have_the_number_and_the_width_that_are_asked_for(root, tmp_path, capsys) -> None:
+    out = export(root, tmp_path / "out", "--format", "trl", "--frames", "3", "--frame-width", "48", "--videos", "none")
+    first = rows(out / "train.jsonl")[0]
+    images = [cv2.imread(str(out / path)) for path in first["images"]]
+    assert [image.shape for image in images] == [(32, 48, 3)] * 3
+    shades = [even_frames(Files(root, "train", 0).video)[i].mean() for i in (0, 10, 19)]  # from first to last
+    assert [image.mean() for image in images] == pytest.approx(shades, abs=2)
+    assert not (out / "videos").exists()
+    export(root, tmp_path / "no", "--format", "chat", "--frames", "3", status=2)
+    assert "format chat takes videos, no frames; leave out --frames, or choose trl" in capsys.readouterr().err
 
 
 def test_chat_rows_end_with_the_answer(root, tmp_path) -> None:
@@ -176,8 +226,8 @@ def test_reasoning_comes_before_the_answer(told, tmp_path) -> None:
 
 
 def test_true_scenes_go_with_rewards(told, tmp_path, capsys) -> None:
-    here = ["--format", "grpo", "--videos", "none"]
-    out = export(told, tmp_path / "grpo", *here, "--reasoning", "short", "--scenes")
+    here = ["--format", "swift", "--videos", "none"]
+    out = export(told, tmp_path / "swift", *here, "--reasoning", "short", "--scenes")
     row = rows(out / "train.jsonl")[0]
     assert row["reasoning"].endswith(row["solution"])
     columns = {name: [value] for name, value in row.items()} | {"scene": [str(told / row["scene"])]}
@@ -188,17 +238,17 @@ def test_true_scenes_go_with_rewards(told, tmp_path, capsys) -> None:
 
 
 def test_true_scenes_are_copied_with_videos(root, tmp_path, capsys) -> None:
-    export(root, tmp_path / "missing", "--format", "grpo", "--scenes", status=2)
+    export(root, tmp_path / "missing", "--format", "swift", "--scenes", status=2)
     assert re.search("truth_00000.json.*annotation_00000.json.*without --reasoning", capsys.readouterr().err)
     assert not (tmp_path / "missing").exists()
     for split, indices in CONFIG.indices().items():
         for index in indices:
             write_json(Files(root, split, index).truth, {"scene": index})
-    out = export(root, tmp_path / "out", "--format", "grpo", "--scenes")
+    out = export(root, tmp_path / "out", "--format", "swift", "--scenes")
     row = rows(out / "train.jsonl")[3]
     assert json.loads((out / row["scene"]).read_text()) == {"scene": 1}
     write_json(Files(root, "train", 1).truth, {"scene": "another"})
-    export(root, out, "--format", "grpo", "--scenes", status=2)
+    export(root, out, "--format", "swift", "--scenes", status=2)
     assert "(inputs)" in capsys.readouterr().err
 
 
@@ -284,7 +334,7 @@ def test_who_does_not_look_has_no_changed_pair_right(compared) -> None:
 
 def test_pairs_are_exported_as_any_data_set(compared, tmp_path, capsys) -> None:
     data, pairs = compared
-    found = rows(export(pairs, tmp_path / "grpo", "--format", "grpo") / "train.jsonl")
+    found = rows(export(pairs, tmp_path / "swift", "--format", "swift") / "train.jsonl")
     by_id = {row["id"]: row for row in found}
     for row in found:
         assert (row["pair"] is None) == (row["pair_kind"] is None)
@@ -295,7 +345,7 @@ def test_pairs_are_exported_as_any_data_set(compared, tmp_path, capsys) -> None:
     capsys.readouterr()
     export(data, pairs, "--format", "pairs")
     assert content(pairs) == before  # it is there already
-    n_videos = len({row["video"] for row in found})
+    n_videos = len({video for row in found for video in row["videos"]})
     assert f"train: {len(found)} questions about {n_videos} videos" in capsys.readouterr().out
     for option in (["--scenes"], ["--videos", "none"], ["--reasoning", "short"]):
         export(data, tmp_path / "no", "--format", "pairs", *option, status=2)
@@ -352,10 +402,11 @@ def test_datasets_reads_json_lines_without_filling_in_keys(name, root, tmp_path,
     from datasets import load_dataset
 
     out = export(root, tmp_path / "out", "--format", name)
-    files = {"train": str(out / "train.jsonl"), "validation": str(out / "validation.jsonl")}
-    loaded = load_dataset("json", data_files=files, cache_dir=str(tmp_path / "cache"))
+    kind = "json" if FORMATS[name].suffix == ".jsonl" else "parquet"
+    files = {split: str(out / f"{split}{FORMATS[name].suffix}") for split in ("train", "validation")}
+    loaded = load_dataset(kind, data_files=files, cache_dir=str(tmp_path / "cache"))
     for split, path in files.items():
-        assert list(loaded[split]) == rows(Path(path))
+        assert list(loaded[split]) == (rows(Path(path)) if kind == "json" else parquet.read_table(path).to_pylist())
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -366,7 +417,7 @@ def test_exports_are_the_same_bytes_twice(name, root, tmp_path) -> None:
 
 
 def test_an_interrupted_export_goes_on(root, tmp_path, monkeypatch) -> None:
-    complete = content(export(root, tmp_path / "complete", "--format", "grpo"))
+    complete = content(export(root, tmp_path / "complete", "--format", "swift"))
     out, copy = tmp_path / "out", shutil.copyfile
 
     def fail_later(source: Path, target: Path) -> object:
@@ -375,30 +426,30 @@ def test_an_interrupted_export_goes_on(root, tmp_path, monkeypatch) -> None:
         return copy(source, target)
 
     monkeypatch.setattr("shutil.copyfile", fail_later)
-    export(root, out, "--format", "grpo", status=2)
+    export(root, out, "--format", "swift", status=2)
     assert not (out / "validation.jsonl").exists()
     finished = {path: path.stat().st_mtime_ns for path in out.glob("train*")}
     monkeypatch.setattr("shutil.copyfile", copy)
-    export(root, out, "--format", "grpo")
+    export(root, out, "--format", "swift")
     assert content(out) == complete
     assert {path: path.stat().st_mtime_ns for path in out.glob("train*")} == finished
 
 
 def test_a_finished_export_is_left_as_it_is(root, tmp_path) -> None:
-    out = export(root, tmp_path / "out", "--format", "grpo")
+    out = export(root, tmp_path / "out", "--format", "swift")
     (out / "train.jsonl").unlink()
-    export(root, out, "--format", "grpo")
+    export(root, out, "--format", "swift")
     assert not (out / "train.jsonl").exists()
 
 
 def test_other_settings_other_data_and_other_files_are_refused(root, tmp_path, capsys) -> None:
-    out = export(root, tmp_path / "out", "--format", "grpo")
+    out = export(root, tmp_path / "out", "--format", "swift")
     export(root, out, "--format", "chat", status=2)
     assert "export.json: was made with other settings (format); choose another folder" in capsys.readouterr().err
     write_questions(root / "questions" / "train.json", [questions_of(1)])
-    export(root, out, "--format", "grpo", status=2)
+    export(root, out, "--format", "swift", status=2)
     assert "(inputs)" in capsys.readouterr().err
-    export(root, root, "--format", "grpo", status=2)
+    export(root, root, "--format", "swift", status=2)
     assert "holds files that are no export; choose an empty or new folder" in capsys.readouterr().err
 
 
@@ -409,7 +460,7 @@ def test_the_test_split_is_exported_on_request_and_without_solutions(root, tmp_p
         assert [message["role"] for message in row["messages"]] == ["user"]
         assert row["program"] is None
     questions = str(root / "truth" / "questions_test.json")
-    out = export(root, tmp_path / "answers", "--format", "grpo", "--split", "test", "--questions", questions)
+    out = export(root, tmp_path / "answers", "--format", "swift", "--split", "test", "--questions", questions)
     assert [row["solution"] for row in rows(out / "test.jsonl")] == [solution(q) for q in questions_of(15000).questions]
 
 
@@ -418,43 +469,45 @@ def test_videos_are_left_out(root, tmp_path, capsys) -> None:
     moved.parent.mkdir()
     Files(root, "train", 0).video.rename(moved)
     Files(root, "train", 1).video.unlink()
-    export(root, tmp_path / "missing", "--format", "grpo", status=2)
+    export(root, tmp_path / "missing", "--format", "swift", status=2)
     assert "has no video_00001.mp4 (train); fetch it, or give --videos none" in capsys.readouterr().err
-    out = export(root, tmp_path / "none", "--format", "grpo", "--videos", "none", "--limit", "2")
+    export(root, tmp_path / "missing", "--format", "trl", "--videos", "none", status=2)
+    assert "has no video_00001.mp4 (train); fetch it\n" in capsys.readouterr().err
+    out = export(root, tmp_path / "none", "--format", "swift", "--videos", "none", "--limit", "2")
     assert not (out / "videos").exists()
-    names = dict.fromkeys(row["video"] for row in rows(out / "train.jsonl"))
+    names = dict.fromkeys(row["videos"][0] for row in rows(out / "train.jsonl"))
     assert list(names) == ["video_train/video_00000.mp4", "videos/train/video_00000-01000/video_00001.mp4"]
 
 
 def test_the_official_layout_has_no_seeds(root, tmp_path) -> None:
     (root / "manifest.json").unlink()
-    out = export(root, tmp_path / "out", "--format", "grpo")
+    out = export(root, tmp_path / "out", "--format", "swift")
     assert {row["seed"] for row in rows(out / "train.jsonl")} == {None}
 
 
 def test_what_is_missing_is_refused_before_the_work(root, tmp_path, capsys) -> None:
     for option in (["--reasoning", "short"], ["--scenes"]):
-        export(root, tmp_path / "out", "--format", "grpo", *option, status=2)
+        export(root, tmp_path / "out", "--format", "swift", *option, status=2)
         assert re.search("truth_00000.json.*annotation_00000.json.*without --reasoning", capsys.readouterr().err)
     document = json.loads((root / "questions" / "train.json").read_text())
     question = next(q for q in document[0]["questions"] if q.get("choices"))
     question["choices"] = [{**question["choices"][0], "choice_id": i} for i in range(30)]
     (root / "questions" / "train.json").write_text(json.dumps(document))
-    export(root, tmp_path / "out", "--format", "grpo", status=2)
+    export(root, tmp_path / "out", "--format", "swift", status=2)
     assert "train.json: scene 0, question" in capsys.readouterr().err
     assert not (tmp_path / "out" / "export.json").exists()
 
 
 def test_bad_requests_are_named(root, tmp_path, capsys) -> None:
     export(root, tmp_path / "out", "--format", "zebra", status=2)
-    assert re.search("--format: expected grpo.*chat.*pairs, got zebra", capsys.readouterr().err)
-    export(root, tmp_path / "out", "--format", "grpo", "--questions", "q.json", status=2)
+    assert re.search("--format: expected trl.*chat.*pairs, got zebra", capsys.readouterr().err)
+    export(root, tmp_path / "out", "--format", "swift", "--questions", "q.json", status=2)
     assert "a question file is of one split; name it (--split)" in capsys.readouterr().err
     questions = str(root / "questions" / "train.json")
-    export(root, tmp_path / "out", "--format", "grpo", "--split", "validation", "--questions", questions, status=2)
+    export(root, tmp_path / "out", "--format", "swift", "--split", "validation", "--questions", questions, status=2)
     assert "scene_index 0: the data set's validation split has 10000 to 10000" in capsys.readouterr().err
     (root / "questions" / "train.json").unlink()
-    export(root, tmp_path / "out", "--format", "grpo", "--split", "train", status=2)
+    export(root, tmp_path / "out", "--format", "swift", "--split", "train", status=2)
     assert "has no questions/train.json; leave out --split train" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
@@ -467,7 +520,8 @@ def test_the_examples_of_the_docs_run(root, tmp_path, offline, monkeypatch, caps
     capsys.readouterr()
     values: dict = {}
     blocks = re.findall(r"<!-- example -->\n```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    assert len(blocks) == 3
+    assert len(blocks) == 2
     for code in blocks:
         exec(code, values)
+    assert [image.size for image in values["row"]["images"]] == [(240, 160)] * 16
     assert values["assistant"]["content"][0]["text"] == "<answer>red</answer>"

@@ -15,7 +15,7 @@ from tests.robustness.good import EXPORT, data_set_manifest, questions
 SUITES = Path(__file__).resolve().parents[2] / "configs" / "generate" / "suites"
 QUESTIONS, TRUTH = "questions/validation.json", "truth/validation/truth_10000.json"
 VIDEO = "videos/validation/video_10000.mp4"
-LOCAL = ("export", "dataset", "--format", "grpo", "-o", "out")
+LOCAL = ("export", "dataset", "--format", "chat", "-o", "out")
 TOLD, WITH_SCENES = (*LOCAL, "--reasoning", "short"), (*LOCAL, "--scenes")
 
 

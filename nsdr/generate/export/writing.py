@@ -1,11 +1,14 @@
 """Writes an export: checks the data set before anything is written, then resumes or writes its files."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import cv2
+from msgspec import Meta
 from tqdm import tqdm
 
 from nsdr.clevrer.answers.prompts import option_letters
@@ -14,16 +17,17 @@ from nsdr.clevrer.files.questions import Question, SceneQuestions, read_question
 from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.generate.dataset import SCENES_PER_SEED, Files, SceneSeed
-from nsdr.generate.export.formats import FORMATS, Sample, is_unanswered, reasoner
+from nsdr.generate.export.formats import ABOUT, FORMATS, Sample, is_unanswered, reasoner
 from nsdr.generate.export.pairs import copy_once, write_pairs
 from nsdr.io.files import atomic_path, check_output_folder, json_text, locked, remove_partial_files, write_json
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.reading import read_json
+from nsdr.io.video import even_frames, spaced
 from nsdr.validation import Count, Settings, convert, one_of
 
 MANIFEST = "export.json"
 """File of an export's folder with its settings and counts."""
-VERSION = 3
+VERSION = 4
 """Of the files of an export: raised when they change."""
 PAIRS = "pairs"
 """The format that is no table of columns but a data set of pairs of videos."""
@@ -41,6 +45,9 @@ class ExportConfig(Settings):
         splits: which splits; () for train and validation, as far as they have questions.
         questions: question file in place of the split's own, such as `truth/questions_test.json`; needs one split.
         videos: "copy" copies the videos into the output, "none" only writes their paths.
+        frames: number of frames that stand for a video, for formats with images; 0 for the format's own number.
+        frame_width: their width (pixels); the height follows from the video's shape.
+        prefix: written before each path, such as the output's folder as training sees it.
         limit: first n videos of each split; 0 for all.
         reasoning: "short" or "long" for checkable sentences that lead to each answer, from the true scenes; "" for none.
         scenes: whether to give the true scenes, too, which `nsdr.rewards.evidence` reads.
@@ -52,6 +59,9 @@ class ExportConfig(Settings):
     splits: tuple[str, ...] = ()
     questions: str = ""
     videos: Literal["copy", "none"] = "copy"
+    frames: Count = 0
+    frame_width: Annotated[int, Meta(ge=1, le=480)] = 240
+    prefix: str = ""
     limit: Count = 0
     reasoning: Literal["", "short", "long"] = ""
     scenes: bool = False
@@ -65,6 +75,17 @@ class ExportConfig(Settings):
         given = {"--scenes": self.scenes, "--videos none": self.videos == "none", "--reasoning": self.reasoning}
         for option in (option for option, value in given.items() if value and self.format == PAIRS):
             raise DataError(f"format {PAIRS} holds videos and questions only; leave out {option}")
+        if self.frames and not self.n_frames:
+            with_images = ", ".join(name for name, form in FORMATS.items() if form.n_frames)
+            raise DataError(
+                f"format {self.format} takes videos, no frames; leave out --frames, or choose {with_images}"
+            )
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames that stand for a video; 0 where the format takes the video."""
+        own = FORMATS[self.format].n_frames if self.format in FORMATS else 0
+        return self.frames or own if own else 0
 
 
 @dataclass(frozen=True)
@@ -117,12 +138,11 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
         questions = {split: [item.questions for item in listed] for split, listed in items.items()}
         if config.format == PAIRS:
             return write_pairs(data, questions, folder)
+        form = FORMATS[config.format]
         for split, listed in items.items():
-            path = folder / f"{split}.jsonl"
+            path = folder / f"{split}{form.suffix}"
             if not path.exists():
-                with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-                    for sample in _samples(config, split, listed, seed):
-                        file.write(json_text(FORMATS[config.format].row(sample), path) + "\n")
+                WRITERS[form.suffix](path, map(form.row, _samples(config, split, listed, seed)))
         return questions
 
     sizes = [_sizes(config, item) for listed in items.values() for item in listed]
@@ -163,9 +183,10 @@ def _items(config: ExportConfig, data: CLEVRER, split: str, file: Path) -> list[
         if index not in source.indices:
             has = f"{source.indices.start} to {source.indices.stop - 1}" if source.indices else "no videos"
             raise DataError(f"{file}: scene_index {index}: the data set's {split} split has {has}")
-        if config.videos == "copy" and index not in videos:
+        if (config.videos == "copy" or config.n_frames) and index not in videos:
             missing = f"has no video_{index:05d}.mp4 ({split})"
-            raise DataError(f"{config.root}: {missing}; fetch it, or give --videos none")
+            remedy = "fetch it" if config.n_frames else "fetch it, or give --videos none"
+            raise DataError(f"{config.root}: {missing}; {remedy}")
         for question in scene.questions:
             try:
                 option_letters(len(question.choices))
@@ -189,7 +210,7 @@ def _scene_file(source: Split, index: int) -> Path:
 
 def _sizes(config: ExportConfig, item: _Item) -> list[int]:
     """Sizes (bytes) of the files that an item is made from."""
-    video = [item.video] if config.videos == "copy" else []
+    video = [item.video] if config.videos == "copy" or config.n_frames else []
     return [path.stat().st_size for path in (*video, *([item.scene] if item.scene else []))]
 
 
@@ -203,17 +224,76 @@ def _samples(config: ExportConfig, split: str, items: Sequence[_Item], seed: int
             copy_once(item.video, folder / video.relative_to(root))
             if scene is not None:
                 copy_once(scene, folder / scene.relative_to(root))
+        images = _write_frames(config, split, item) if config.n_frames else []
         tell = _tell(item.scene, index, config.reasoning) if item.scene is not None and config.reasoning else None
         for question in item.questions.questions:
             yield Sample(
                 question,
                 split,
                 index,
-                video.relative_to(root).as_posix(),
+                config.prefix + video.relative_to(root).as_posix(),
                 None if seed is None else seed + index,
                 None if tell is None else tell(question),
-                None if scene is None else scene.relative_to(root).as_posix(),
+                None if scene is None else config.prefix + scene.relative_to(root).as_posix(),
+                [config.prefix + image for image in images],
             )
+
+
+def _write_frames(config: ExportConfig, split: str, item: _Item) -> list[str]:
+    """Write the frames that stand for a video, unless they are there; returns their paths in the export, in order."""
+    folder = Path("frames", split, f"video_{item.questions.scene_index:05d}")
+    names = [(folder / f"{i:03d}.jpg").as_posix() for i in range(config.n_frames)]
+    paths = [Path(config.output, name) for name in names]
+    if not all(path.exists() for path in paths):
+        frames = even_frames(item.video)
+        size = config.frame_width, round(config.frame_width * frames.shape[1] / frames.shape[2])
+        for path, index in zip(paths, spaced(len(frames), config.n_frames), strict=True):
+            image = cv2.resize(frames[index], size, interpolation=cv2.INTER_AREA)
+            encoded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
+            with atomic_path(path) as temporary:
+                temporary.write_bytes(encoded.tobytes())
+    return names
+
+
+def _write_json_lines(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        for row in rows:
+            file.write(json_text(row, path) + "\n")
+
+
+def _write_parquet(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write rows of verl, whose types are fixed: those of a split without options or seeds must not differ from another's."""
+    try:
+        import pyarrow as pa
+        from pyarrow.parquet import ParquetWriter
+    except ImportError as e:
+        raise DataError("parquet files need pyarrow: pip install 'nsdr[rl]'") from e
+    text, texts, number = pa.string(), pa.list_(pa.string()), pa.int64()
+    about = dict.fromkeys(ABOUT, text) | dict.fromkeys(("options", "letters", "tags", "program"), texts)
+    about |= {"scene_index": number, "question_id": number, "seed": number, "option_programs": pa.list_(texts)}
+    schema = pa.schema(
+        {
+            "data_source": text,
+            "prompt": pa.list_(pa.struct({"role": text, "content": text})),
+            "videos": pa.list_(pa.struct({"video": text})),
+            "ability": text,
+            "reward_model": pa.struct({"style": text, "ground_truth": text}),
+            "extra_info": pa.struct({"index": number, **about}),
+        }
+    )
+    with atomic_path(path) as temporary, ParquetWriter(temporary, schema) as writer:
+        left = iter(rows)
+        while batch := list(islice(left, ROWS_PER_GROUP)):
+            writer.write_table(pa.Table.from_pylist(batch, schema))
+
+
+WRITERS: Mapping[str, Callable[[Path, Iterable[Mapping[str, Any]]], None]] = {
+    ".jsonl": _write_json_lines,
+    ".parquet": _write_parquet,
+}
+"""What writes the rows of a format, by the suffix of its files."""
+ROWS_PER_GROUP = 1000
+"""Rows of a parquet file that are held in memory."""
 
 
 def _tell(path: Path, index: int, length: Literal["short", "long"]) -> Callable[[Question], str | None]:
