@@ -3,6 +3,7 @@
 import json
 import re
 from itertools import combinations
+from time import process_time
 from typing import Any
 
 import pytest
@@ -11,7 +12,17 @@ from nsdr import DataError, Scene, save
 from nsdr.clevrer import read_questions, solution
 from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.generate.export import reasoner
-from nsdr.rewards import answer_format, evidence, exact, per_option, read_scene
+from nsdr.rewards import (
+    SWIFT,
+    answer_format,
+    easyr1,
+    evidence,
+    exact,
+    per_option,
+    read_scene,
+    verl,
+    video_r1,
+)  # fmt: skip
 
 OPTIONS = ["the cube exits", "the sphere enters", "the cylinder enters"]
 RIGHT = "<answer>A,C</answer>"
@@ -97,6 +108,65 @@ def test_wrong_columns_are_refused() -> None:
 def test_wrong_values_of_columns_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(DataError, match=message):
         exact(**({"completions": [""], "solution": ["<answer>red</answer>"], "options": [[]]} | changes))
+
+
+@pytest.mark.parametrize(
+    ("text", "right"),
+    [
+        (r"<think>A or B?</think><answer>A, C</answer>", 1),
+        (r"So it is \boxed{A, C}", 1),
+        (r"<think>A</think> \boxed{\text{A and C}}", 1),
+        ("<answer>A.</answer>", 2 / 3),
+        ("<answer>A. C.</answer>", 1),
+        ("A.\nC.", 1),
+        ("<answer>A. the cube exits\nC. the cylinder enters</answer>", 1),
+        ("<answer>(A), (C)</answer>", 1),
+        ("<answer>none</answer>", 1 / 3),
+        ("<answer>A, D</answer>", 0),
+        ("I do not know.", 0),
+    ],
+)
+def test_every_framework_gives_the_same_reward(text: str, right: float) -> None:
+    lettered = [f"{letter}. {option}" for letter, option in zip("ABC", OPTIONS, strict=True)]
+    given = {"solution": [RIGHT], "options": [OPTIONS]}
+    scores = verl(data_source="clevrer", solution_str=text, ground_truth=RIGHT, extra_info={"options": OPTIONS})
+    truth = json.dumps({"solution": RIGHT, "options": OPTIONS})
+    (overall,) = easyr1([{"response": text, "response_length": 9, "ground_truth": truth}])
+    assert per_option([text], **given) == pytest.approx([right])
+    assert scores["score"] == scores["per_option"] == overall["overall"] == pytest.approx(right)
+    assert scores["exact"] == overall["exact"] == float(right == 1)
+    assert video_r1([[{"role": "assistant", "content": text}]], [RIGHT], [lettered]) == pytest.approx([right])
+    assert SWIFT["clevrer_per_option"](args=None)([text], **given, trainer_state=None) == pytest.approx([right])
+
+
+def test_frameworks_choose_their_reward_by_name() -> None:
+    text, info = "Frame 25: the purple cube enters.\n<answer>1</answer>", evidence_columns(str(TRUTH))
+    row = {name: value[0] for name, value in info.items()}
+    assert verl("", text, "<answer>1</answer>", row, reward="evidence")["score"] == 1
+    assert verl("", "<answer>1</answer>", "<answer>1</answer>", row, reward="evidence")["score"] == 0
+    assert verl("", text, "<answer>1</answer>", row, reward="exact")["score"] == 1
+    assert SWIFT["clevrer_evidence"]()([text], **info) == [1]
+    with pytest.raises(DataError, match="options: is missing in the row"):
+        verl("", text, "<answer>1</answer>", {})
+    with pytest.raises(DataError, match="ground_truth: "):
+        easyr1([{"response": text, "ground_truth": "<answer>1</answer>"}])
+
+
+@pytest.mark.parametrize(
+    "unit", ["<answer>", "<think>", "</think>", r"\boxed{", "{", ".", "A. ", "I ", "answer: ", "```", "```["]
+)
+def test_rewards_read_any_text_in_linear_time(unit: str) -> None:
+    """Four times the text takes about four times the processor's time; it would be 16 times if that were quadratic."""
+
+    def seconds(length: int) -> float:
+        text = "<answer>The" + unit * (length // len(unit)) + "red</answer>"
+        started = process_time()
+        per_option([text] * 2, [RIGHT] * 2, [OPTIONS] * 2)
+        answer_format([text] * 2, [OPTIONS] * 2)
+        return process_time() - started
+
+    seconds(1000)
+    assert seconds(96_000) < 10 * seconds(24_000) + 0.2
 
 
 MOTION = "objects end get_frame filter_moving count"
