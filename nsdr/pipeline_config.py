@@ -21,6 +21,7 @@ from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.reading import read_yaml
 from nsdr.io.shipped import find_config
+from nsdr.io.worlds import WORLD_FILE
 from nsdr.question_parser import loading
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser, load_parser
@@ -149,7 +150,7 @@ def _saved_with(checkpoint: str | Path) -> list[str]:
     folder = find_checkpoint(checkpoint)
     if (folder / PIPELINE).is_file():
         return ["--config", str(folder / PIPELINE)]
-    argv = []
+    argv = ["--world", str(folder / WORLD_FILE)] if (folder / WORLD_FILE).is_file() else []
     if has_part(folder, "dynamics") and not has_part(folder, "collisions"):
         argv += ["--dynamics.backend", str(load_description(folder, "dynamics").get("network", "propnet"))]
     if has_part(folder, "question_parser") and not has_part(folder, "frame_parser"):

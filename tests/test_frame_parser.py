@@ -367,12 +367,10 @@ def test_training_takes_words_and_colors_of_the_frames_world(tmp_path) -> None:
 
     folder = train_part("frame_parser", task, config, task.model_config, world=world)
     assert world_of_folder(folder) == world
-    found = FrameParser.from_pretrained(folder, device="cpu", world=world).parse(
-        np.full((3, 200, 256, 3), 51, np.uint8)
-    )
+    found = FrameParser.from_pretrained(folder, device="cpu").parse(np.full((3, 200, 256, 3), 51, np.uint8))
     assert found.world == world
     with pytest.raises(DataError, match="frame 0: expected an array \\(200, 256, 3\\) of uint8"):
-        FrameParser.from_pretrained(folder, device="cpu", world=world).parse(iter([np.zeros((320, 480, 3), np.uint8)]))
+        FrameParser.from_pretrained(folder, device="cpu").parse(iter([np.zeros((320, 480, 3), np.uint8)]))
 
 
 def test_scores_of_perfect_and_wrong_detections(tiny_frames) -> None:

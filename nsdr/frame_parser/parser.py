@@ -5,7 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from dataclasses import replace
 from itertools import chain, count, islice, pairwise
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import torch
@@ -24,6 +25,7 @@ from nsdr.frame_parser.pasting import mask_changes
 from nsdr.frame_parser.regions import ROI_LEVELS
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads, resolve_precision
+from nsdr.io.worlds import store_world, world_of_folder
 from nsdr.types import VideoProposals
 from nsdr.world.world import CLEVRER_WORLD, World
 
@@ -76,6 +78,16 @@ class FrameParser(PretrainedPart[nn.Module]):
         if isinstance(model, FrameParserNetwork):
             _check_words(model.config, world)
         self._prepared: tuple[Any, Detector] | None = None
+
+    @classmethod
+    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
+        """As in `PretrainedPart`; `world` is that of the folder unless it is given."""
+        return super().from_checkpoint(folder, **{"world": world_of_folder(folder), **options})
+
+    def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
+        """As in `PretrainedPart`; the folder's `world.json` says the world."""
+        store_world(folder, self.world)
+        super().save_pretrained(folder, details)
 
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
         if not isinstance(self.model, FrameParserNetwork):
