@@ -195,7 +195,7 @@ class Pipeline:
             beyond_cuts: whether to give those that are judged, also after a cut.
             note: gets what is unusual about the video (see `Scene.notes`); None gives Python warnings.
         """
-        return clip_frames(video, self.video, beyond_cuts, note=note)
+        return clip_frames(video, self.video, beyond_cuts, note=note, world=self.world)
 
     def scene(self, video: VideoSource) -> Scene:
         """The symbolic scene of a video. Computed once for each content; arguments and errors are those of `perceive`."""
@@ -338,7 +338,7 @@ class Pipeline:
         if video is None:
             raise VideoError("give a video, proposals or tracks")
         video = video_of(video)
-        wrong = check_video(video, self.video).unfit
+        wrong = check_video(video, self.video, self.world).unfit
         if not wrong or self.video.check != "refuse":
             found, late = self.proposals(video)
             seen = track(found, self.tracker)
@@ -367,7 +367,7 @@ class Pipeline:
         if self._kept_proposals is None or self._kept_proposals[0] != key:
             late: list[float] = []
             notes: list[str] = []
-            frames = clip_frames(video, self.video, beyond_cuts=True, late=late, note=notes.append)
+            frames = clip_frames(video, self.video, beyond_cuts=True, late=late, note=notes.append, world=self.world)
             proposals = self._parsed(frames)
             proposals = replace(proposals, notes=distinct(proposals.notes, notes))
             self._kept_proposals = key, (proposals, np.array(late[: proposals.n_frames]))

@@ -260,7 +260,7 @@ def ball(x: float) -> np.ndarray:
 def shot(positions, max_frames: int = 512) -> tuple[int, list[str]]:
     """How many frames of a ball's positions are used, and the notes about them."""
     notes: list[str] = []
-    return sum(1 for _ in first_shot(iter([ball(x) for x in positions]), max_frames, notes.append)), notes
+    return sum(1 for _ in first_shot(iter([ball(x) for x in positions]), max_frames, 25, notes.append)), notes
 
 
 def test_a_clip_that_is_repeated_ends_at_the_jump() -> None:

@@ -147,7 +147,8 @@ def make_pipeline(options: Any, asks: bool = True) -> Any:
     """
     with stage("loading the networks", sys.stderr.isatty()):
         video = vars(options).get("video") or vars(options).get("source", "")
-        if video and not is_scene(video) and not options.config and not any(v.startswith("video") for v in options.set):
+        plain = not options.config and not any(v.startswith(("video", "world")) for v in options.set)
+        if video and not is_scene(video) and plain and options.checkpoint == "default":
             from nsdr.frame_parser.check.video import VideoConfig, check_video
 
             expected = VideoConfig("warn" if options.force else "refuse", options.background, fps=options.fps)

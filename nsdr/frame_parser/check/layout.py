@@ -1,4 +1,4 @@
-"""Where in a video's frames the image is: bars around a video's image, and images of another shape than CLEVRER's 3:2."""
+"""Where in a video's frames the image is: bars around a video's image, and images of another shape than the camera's."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,14 +9,11 @@ from numpy.typing import NDArray
 from nsdr.frame_parser.check.ground import CELL_COLUMNS, CELL_ROWS, best_fit, cells, over_channels
 from nsdr.io.video import Layout
 from nsdr.validation import FloatArray
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom (pixels)."""
-ASPECT = WIDTH_PX / HEIGHT_PX
-"""Width of CLEVRER's images relative to their height."""
 ASPECT_TOLERANCE = 0.02
-"""Images whose aspect differs by less (as a share) have CLEVRER's: bars are found to a pixel or two."""
+"""Images whose aspect differs by less (as a share) have the camera's: bars are found to a pixel or two."""
 MAX_DEVIATION = 8.0
 """Pixels of a bar differ by at most this from its colour, in each channel (levels of 255)."""
 OUTLIERS = 0.02
@@ -62,9 +59,8 @@ def _bar(image: FloatArray) -> int:
     return int(np.argmax(deviation > MAX_DEVIATION / 2)) if np.argmax(deviation > FLAT) >= MIN_FLAT_PX else 0
 
 
-def _middle_of(reference: FloatArray, aspect: float) -> FloatArray:
-    """The largest part of a reference (32, 48, 3) with this aspect around its middle, as (32, 48, 3)."""
-    share = aspect / ASPECT
+def _middle_of(reference: FloatArray, share: float) -> FloatArray:
+    """The largest part of a reference (32, 48, 3) around its middle, as (32, 48, 3); its aspect is this share of the whole's."""
     columns, rows = CELL_COLUMNS * min(share, 1.0), CELL_ROWS * min(1 / share, 1.0)
     fine = np.repeat(np.repeat(reference, FINE, 0), FINE, 1)
     left, top = round(FINE * (CELL_COLUMNS - columns) / 2), round(FINE * (CELL_ROWS - rows) / 2)
@@ -78,7 +74,7 @@ def part_of(images: NDArray[Any], box: Box) -> NDArray[Any]:
 
 
 def find_layout(
-    median: FloatArray, size_px: tuple[int, int], known: Sequence[FloatArray]
+    median: FloatArray, size_px: tuple[int, int], known: Sequence[FloatArray], aspect: float
 ) -> tuple[Box, Layout, Sequence[FloatArray], list[str]]:
     """Where the image is in the median and in the video, what it is to be compared with, and what is unusual about it.
 
@@ -86,6 +82,7 @@ def find_layout(
         median: (height, width, 3) median frame of the sample.
         size_px: width and height of the video.
         known: (32, 48, 3) images of the scene without objects.
+        aspect: width of the camera's images relative to their height.
     """
     inner = content_box(median)
     image = part_of(median, inner)
@@ -96,11 +93,11 @@ def find_layout(
         x0, y0, x1, y1 = box = round(left), round(top), round(right), round(bottom)
         remains = f"{x1 - x0}x{y1 - y0} of {size_px[0]}x{size_px[1]} px are left"
         warned.append(f"bars around the image are cut off: {remains}")
-    aspect = (right - left) / (bottom - top)
-    if abs(aspect / ASPECT - 1) < ASPECT_TOLERANCE:
+    found = (right - left) / (bottom - top)
+    if abs(found / aspect - 1) < ASPECT_TOLERANCE:
         return inner, Layout(box, stretched=True), known, warned
-    middle = [_middle_of(reference, aspect) for reference in known]
-    shape = f"an image of {aspect:.2f}:1, not {ASPECT:g}:1"
+    middle = [_middle_of(reference, found / aspect) for reference in known]
+    shape = f"an image of {found:.2f}:1, not {aspect:.3g}:1"
     if best_fit(image, known)[0].distance <= best_fit(image, middle)[0].distance:
         warned.append(f"{shape}: taken as stretched, and stretched back")
         return inner, Layout(box, stretched=True), known, warned

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from nsdr.frame_parser.check.ground import (
     CELL_COLUMNS,
     CELL_ROWS,
+    HEIGHT_PX,
+    WIDTH_PX,
     FloatArray,
     GroundFit,
     cells,
@@ -18,8 +20,6 @@ from nsdr.frame_parser.check.ground import (
     fit_cells,
 )
 from nsdr.frame_parser.check.shots import change, small_gray
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.physics_constants import FPS
 
 
 class Reason(NamedTuple):
@@ -96,7 +96,7 @@ def needed_levels(frames: NDArray[np.uint8], ground: GroundFit) -> NDArray[np.ui
 
 
 def reasons(
-    frames: NDArray[np.uint8], image: FloatArray, reference: FloatArray, ground: GroundFit, is_corrected: bool
+    frames: NDArray[np.uint8], image: FloatArray, reference: FloatArray, ground: GroundFit, is_corrected: bool, fps: int
 ) -> Iterator[Reason]:
     """All that speaks against a video.
 
@@ -106,6 +106,7 @@ def reasons(
         reference: (32, 48, 3) scene without objects that it is compared with.
         ground: how they compare.
         is_corrected: whether its exposure is corrected, by `needed_levels`.
+        fps: frames per second of the video.
     """
     yield from _of_the_ground(ground, "; corrected" if is_corrected else "")
     if not is_foreign(ground):
@@ -117,7 +118,7 @@ def reasons(
         return
     first, *others = map(small_gray, frames)
     if others and max(change(first, other) for other in others) < MIN_MOTION:
-        yield Reason(False, f"nothing moves in the first {len(frames) * SPACING_FRAMES / FPS:.1f} s")
+        yield Reason(False, f"nothing moves in the first {len(frames) * SPACING_FRAMES / fps:.1f} s")
     if not is_foreign(ground):
         moved = camera_motion(frames)
         if moved > MAX_CAMERA_PX:

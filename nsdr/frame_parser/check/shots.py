@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.io.notes import Note
-from nsdr.world.physics_constants import FPS
 
 GRAY_SIZE = (120, 80)
 """Width and height of the images that are compared (pixels)."""
@@ -49,8 +48,10 @@ def until_cut(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return frames
 
 
-def first_shot(frames: Iterator[NDArray[np.uint8]], max_frames: int, note: Note) -> Iterator[NDArray[np.uint8]]:
-    """The frames (height, width, 3) before the first cut, at most `max_frames`; what is left out is noted.
+def first_shot(
+    frames: Iterator[NDArray[np.uint8]], max_frames: int, fps: int, note: Note
+) -> Iterator[NDArray[np.uint8]]:
+    """The frames (height, width, 3), `fps` a second, before the first cut, at most `max_frames`; what is left out is noted.
 
     Frames that are repeated count as one for the changes.
     """
@@ -63,30 +64,32 @@ def first_shot(frames: Iterator[NDArray[np.uint8]], max_frames: int, note: Note)
         after = 0.0 if last is None else change(last[1], following[1])
         if after > SAME_SHARE:
             if n and is_cut(before, now, after):
-                note(f"a cut after {n} frames ({n / FPS:.1f} s); only what is before it is used")
+                note(f"a cut after {n} frames ({n / fps:.1f} s); only what is before it is used")
                 return
             yield from held
             n += len(held)
             held, before, now, last = [], now, after, following
         if n + len(held) == max_frames:
             yield from held
-            note(too_long(max_frames))
+            note(too_long(max_frames, fps))
             return
         held.append(frame)
         last = following if last is None else last
     yield from held
 
 
-def first_frames(frames: Iterator[NDArray[np.uint8]], max_frames: int, note: Note) -> Iterator[NDArray[np.uint8]]:
+def first_frames(
+    frames: Iterator[NDArray[np.uint8]], max_frames: int, fps: int, note: Note
+) -> Iterator[NDArray[np.uint8]]:
     """The first `max_frames` frames (H, W, 3), also those after a cut; that there are more is noted."""
     for index, frame in enumerate(frames):
         if index == max_frames:
-            note(too_long(max_frames))
+            note(too_long(max_frames, fps))
             return
         yield frame
 
 
-def too_long(max_frames: int) -> str:
+def too_long(max_frames: int, fps: int) -> str:
     """The note about a video with more frames than are processed."""
-    seconds = max_frames / FPS
+    seconds = max_frames / fps
     return f"longer than {max_frames} frames ({seconds:.1f} s); the rest is left out (setting video.max_frames)"

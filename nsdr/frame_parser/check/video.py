@@ -27,6 +27,7 @@ from nsdr.io.images import Frames, Video, VideoSource, video_of
 from nsdr.io.notes import Note, as_warnings
 from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
 from nsdr.validation import FloatArray, PositiveCount, Settings
+from nsdr.world.world import CLEVRER_WORLD, World
 
 SAMPLED_SECONDS = 2.56
 """The check looks at this time of a video."""
@@ -47,8 +48,9 @@ class VideoConfig(Settings):
     Attributes:
         check: "refuse" raises an error for videos that are not of CLEVRER's scene, "warn" only warns of them, "off" does not
             look. Padding is found unless it is "off".
-        background: image file of the scene without objects, for another camera or other lamps; "" for CLEVRER's.
-        max_frames: frames that are processed at most (at 25 per second).
+        background: image file of the scene without objects, for another camera or other lamps; "" for CLEVRER's. A world with
+            another look is not checked without one.
+        max_frames: frames that are processed at most.
         fps: frames per second in place of what the videos say; 0 for that.
     """
 
@@ -84,36 +86,42 @@ class VideoCheck:
         return "refused" if self.refused else "warned" if self.warned else "in"
 
 
-def check_video(path: VideoSource, config: VideoConfig | None = None) -> VideoCheck:
+def check_video(path: VideoSource, config: VideoConfig | None = None, world: World = CLEVRER_WORLD) -> VideoCheck:
     """Look at the first seconds of a video: a file, or frames as `nsdr.io.images.video_of` takes them.
+
+    Args:
+        path: the video.
+        config: what is expected; None for the defaults.
+        world: what the video should be of.
 
     Raises:
         VideoError: the file cannot be read, or the video is "refused" and the configuration wants an error.
         DataError: the background of the configuration cannot be read.
     """
     path, config = video_of(path), config or VideoConfig()
-    if config.check == "off":
+    if config.check == "off" or (world.look != CLEVRER_WORLD.look and not config.background):
         return VideoCheck()
-    found = _found_in(path, config)
+    found = _found_in(path, config, world)
     if found.kind == "refused" and config.check == "refuse":
+        size = f"{world.camera.width}x{world.camera.height}"
         raise VideoError(
-            f"{path}: not a video of CLEVRER's scene: {'; '.join(found.refused)}. Expected: its grey ground, lamps and "
-            f"camera, upright, in colour, 480x320. --force goes on all the same (in Python, VideoConfig(check='warn')); "
+            f"{path}: not a video of {world.name}'s scene: {'; '.join(found.refused)}. Expected: its ground, lamps and "
+            f"camera, upright, in colour, {size}. --force goes on all the same (in Python, VideoConfig(check='warn')); "
             "the documentation's page 'Other cameras, lamps and objects' is about other scenes"
         )
     return found
 
 
-def _found_in(path: Video, config: VideoConfig) -> VideoCheck:
+def _found_in(path: Video, config: VideoConfig, world: World) -> VideoCheck:
     """The check of a video; that of a file is kept while it is the same."""
     if isinstance(path, Frames):
-        return _look_at(path, config.background, config.fps)
+        return _look_at(path, config.background, config.fps, world)
     check_is_video(path)
     files = [path, *(sorted(path.iterdir()) if path.is_dir() else ())]
     if Path(config.background).is_file():
         files.append(Path(config.background))
     state = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files)
-    return _looked_at(path, state, config.background, config.fps)
+    return _looked_at(path, state, config.background, config.fps, world)
 
 
 def clip_frames(
@@ -122,30 +130,32 @@ def clip_frames(
     beyond_cuts: bool = False,
     late: list[float] | None = None,
     note: Note | None = None,
+    world: World = CLEVRER_WORLD,
 ) -> Iterator[NDArray[np.uint8]]:
     """The frames (H, W, 3) of `nsdr.io.video.read_frames` that are processed: checked, without padding, up to the first cut.
 
     Args:
         path: a video file, or frames as `nsdr.io.images.video_of` takes them.
-        config: what is expected; None for CLEVRER's videos.
+        config: what is expected; None for the defaults.
         beyond_cuts: whether frames after a cut are processed, too: where objects jump, a video may seem to have one.
         late: see `nsdr.io.video.read_frames`.
         note: gets all that is unusual, until the last frame was read; None gives Python warnings.
+        world: what the video should be of.
 
     Raises:
         VideoError, DataError: as in `check_video`, or no frame shows anything; before the first frame.
     """
     path, config = video_of(path), config or VideoConfig()
     note = note or as_warnings(path)
-    check = check_video(path, config)
+    check = check_video(path, config, world)
     for reason in (*check.refused, *check.warned):
         note(reason)
-    frames = read_frames(path, check.layout, config.fps, late, note)
+    frames = read_frames(path, check.layout, config.fps, late, note, world)
     if config.check == "off":
         yield from frames
         return
     used = first_frames if beyond_cuts else first_shot
-    shot = used(_without_empty_start(frames, path, late, note), config.max_frames, note)
+    shot = used(_without_empty_start(frames, path, late, note), config.max_frames, world.timeline.fps, note)
     yield from shot if check.levels is None else _corrected(shot, check.levels)
 
 
@@ -183,17 +193,19 @@ def _is_empty(frame: NDArray[Any]) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _looked_at(path: Path, _state: tuple[tuple[Path, int, int], ...], background: str, fps: float) -> VideoCheck:
+def _looked_at(
+    path: Path, _state: tuple[tuple[Path, int, int], ...], background: str, fps: float, world: World
+) -> VideoCheck:
     """`_look_at` a file; kept while its files are the same."""
-    return _look_at(path, background, fps)
+    return _look_at(path, background, fps, world)
 
 
-def _look_at(path: Video, background: str, fps: float) -> VideoCheck:
+def _look_at(path: Video, background: str, fps: float, world: World) -> VideoCheck:
     known = [read_background(background)] if background else list(references().values())
-    return look(sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES, fps), known)
+    return look(sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES, fps, world), known, world)
 
 
-def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
+def look(sample: VideoSample, known: Sequence[FloatArray], world: World = CLEVRER_WORLD) -> VideoCheck:
     """Compare a video's sample with images (32, 48, 3) of the scene without objects, of which one has to fit."""
     start = next((k for k, frame in enumerate(sample.frames) if not _is_empty(frame)), None)
     if start is None:
@@ -202,7 +214,7 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
         return VideoCheck((f"the background is {color}",))
     frames = until_cut(sample.frames[start:])
     median = np.asarray(np.median(frames[::MEDIAN_SPACING], 0), np.float32)
-    box, layout, expected, warned = find_layout(median, sample.size_px, known)
+    box, layout, expected, warned = find_layout(median, sample.size_px, known, world.camera.width / world.camera.height)
     unfit = [] if layout.stretched else warned[-1:]  # what is cut off is not seen
     image, frames = part_of(median, box), part_of(frames, box)
     ground, reference = best_fit(image, expected)
@@ -217,7 +229,7 @@ def look(sample: VideoSample, known: Sequence[FloatArray]) -> VideoCheck:
         what = "it is blurred, very small or strongly compressed"
         unfit.append(f"{what} (edges of {width:.1f} pixels, at most {MAX_EDGE_PX}); words of objects may be misread")
     levels = needed_levels(frames, ground)
-    for reason in reasons(frames, image, reference, ground, levels is not None):
+    for reason in reasons(frames, image, reference, ground, levels is not None, world.timeline.fps):
         (refused if reason.is_certain else warned).append(reason.text)
         if reason.unfit and not reason.is_certain:
             unfit.append(reason.text)
