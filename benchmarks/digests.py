@@ -35,6 +35,7 @@ from nsdr.io.reading import read_json
 from nsdr.language.texts import TEXT_KINDS, draw_wording, in_words, read_paraphrases, sample
 from nsdr.language.words import replacements
 from nsdr.question_parser.language_model import examples
+from nsdr.world.vocabulary import CLEVRER
 
 Stages = Iterator[tuple[str, Iterable[bytes]]]
 """Names of stages, each with what it gives."""
@@ -89,7 +90,7 @@ def language(_: Namespace) -> Stages:
     texts = [row["text"] for row in read_paraphrases()]
     for name in ("spellings", "hedges", "phrases", "spellings_beyond", "contents"):
         texts += [line.text for line in replacements(name)]
-    texts += [text for shown in examples().values() for text in shown]
+    texts += [text for shown in examples(CLEVRER).values() for text in shown]
     for name, parser in {"programs": nsdr.GrammarParser(), "programs beyond": nsdr.GrammarParser(True)}.items():
         said = (found for kind in TEXT_KINDS for found in parser.parse_batch(texts, kind))
         yield name, (f"{found} {getattr(found, 'notes', ())}".encode() for found in said)

@@ -179,7 +179,7 @@ def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> t
     """
     folder = find_checkpoint(path_or_id)
     resolve_device(device)
-    question_parser = load_parser(config.question_parser, folder, config.extensions, device)
+    question_parser = load_parser(config.question_parser, folder, config.extensions, device, config.world.vocabulary)
     with without_compiler():
         from nsdr.frame_parser.parser import FrameParser
     taken = {

@@ -14,7 +14,7 @@ from safetensors.numpy import save_file
 
 from nsdr import DataError
 from nsdr.baselines.base import BASELINES, Batch, Sizes
-from nsdr.baselines.data import PAD, Vocabulary, make_batch, training_examples
+from nsdr.baselines.data import PAD, PROGRAM_TOKENS, Vocabulary, make_batch, training_examples
 from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, feature_file
 from nsdr.baselines.trained import TrainedBaseline, masked_scores
 from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions, write_questions
@@ -22,7 +22,6 @@ from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of, parse_config
-from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
 from nsdr.training.run_folder import parse_training

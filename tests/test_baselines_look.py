@@ -8,13 +8,13 @@ import pytest
 from safetensors.numpy import save_file
 
 from nsdr.baselines.base import BASELINES
+from nsdr.baselines.data import PROGRAM_TOKENS
 from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, WordConfig, feature_file
 from nsdr.baselines.features.words import truth_features
 from nsdr.baselines.recoloring import Recoloring
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.errors import DataError
-from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
 from nsdr.world.vocabulary import COLORS as VOCABULARY_COLORS

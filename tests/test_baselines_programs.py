@@ -9,13 +9,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from nsdr.baselines.base import BASELINES, Batch, Sizes
-from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR
+from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR, PROGRAM_TOKENS
 from nsdr.baselines.systems.modular import Modular, ModularConfig, TbdConfig
 from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, Node, program_graph
 from nsdr.errors import DataError
 from nsdr.io.configuration import config_of
 from nsdr.io.reading import read_yaml
-from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.training.loop import LoopConfig
 
 CONFIGS = Path(__file__).parents[1] / "configs/baselines"

@@ -16,6 +16,7 @@ from nsdr.evaluation import EvaluationConfig
 from nsdr.question_parser import LanguageModelParser, load_parser
 from nsdr.question_parser.grammar import readings
 from nsdr.question_parser.language_model import KEY_VARIABLE, NO_PROGRAM, examples
+from nsdr.world.vocabulary import CLEVRER
 
 TEXT = "How many red cubes enter the scene?"
 PROGRAM = "events objects red filter_color cube filter_shape filter_in count"
@@ -113,7 +114,7 @@ def test_the_request_has_the_table_examples_and_the_text(stub, parser) -> None:
 
 
 def test_the_examples_are_right() -> None:
-    for kind, texts in examples().items():
+    for kind, texts in examples(CLEVRER).items():
         assert NO_PROGRAM in texts.values()
         for text, program in texts.items():
             assert readings(text, kind) == ([] if program == NO_PROGRAM else [program.split()])

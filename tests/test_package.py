@@ -178,11 +178,12 @@ def test_changed_question_parsers_are_refused(change, reason, tmp_path) -> None:
 
     from nsdr import QuestionParser
     from nsdr.question_parser.network import build_networks
-    from nsdr.question_parser.tokenizer import Tokenizer
+    from nsdr.question_parser.tokenizer import Tokenizer, decoder_tokens
+    from nsdr.world.vocabulary import CLEVRER
 
-    words = Tokenizer(["how", "many", "cubes"])
+    words = Tokenizer(["how", "many", *(noun for noun, (shape, _) in CLEVRER.nouns.items() if shape)])
     config = QuestionParserConfig(embedding=4, hidden=4, layers=1)
-    QuestionParser(words, build_networks(len(words), config)).save_pretrained(tmp_path)
+    QuestionParser(words, build_networks(len(words), len(decoder_tokens(CLEVRER)), config)).save_pretrained(tmp_path)
     QuestionParser.from_checkpoint(tmp_path)
     description, weights = tmp_path / "question_parser.json", tmp_path / "question_parser.safetensors"
     details, state = json.loads(description.read_text()), load_file(weights)

@@ -14,8 +14,10 @@ from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.loading import load_parser
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.network import build_networks, pad
-from nsdr.question_parser.tokenizer import END, PROGRAM_TOKENS, Tokenizer, split_words
+from nsdr.question_parser.tokenizer import END, Tokenizer, decoder_tokens, split_words
+from nsdr.world.vocabulary import CLEVRER
 
+TOKENS = decoder_tokens(CLEVRER)
 OTHER_WORDINGS = [
     ("descriptive", "How many objects are there?", "objects count"),
     ("descriptive", "What colour is the ball?", "objects sphere filter_shape unique query_color"),
@@ -134,10 +136,10 @@ def test_network_learns_a_tiny_batch() -> None:
     rng = random.Random(0)
     pairs = [sample("choice", rng) for _ in range(4)]
     tokenizer = Tokenizer.from_texts(t for t, _ in pairs)
-    index = {t: i for i, t in enumerate(PROGRAM_TOKENS)}
+    index = {t: i for i, t in enumerate(TOKENS)}
     words = pad([tokenizer.encode(t) for t, _ in pairs])
     tokens = pad([[1, *(index[t] for t in p), 2] for _, p in pairs])
-    net = ParserNetwork(len(tokenizer), len(PROGRAM_TOKENS), QuestionParserConfig(embedding=32, hidden=64))
+    net = ParserNetwork(len(tokenizer), len(TOKENS), QuestionParserConfig(embedding=32, hidden=64))
     optimizer = torch.optim.Adam(net.parameters(), 5e-3)
     for _ in range(300):
         loss = torch.nn.functional.cross_entropy(
@@ -146,8 +148,8 @@ def test_network_learns_a_tiny_batch() -> None:
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    rows, probabilities = net.search(words, "choice")
-    assert [[PROGRAM_TOKENS[t] for t in row] for row in rows] == [p for _, p in pairs]
+    rows, probabilities = net.search(words, "choice", CLEVRER)
+    assert [[TOKENS[t] for t in row] for row in rows] == [p for _, p in pairs]
     assert min(probabilities) > 0.5
 
 
@@ -166,7 +168,7 @@ def test_split_words() -> None:
 
 def test_a_checkpoint_with_other_tokens_is_rejected(tmp_path) -> None:
     config = QuestionParserConfig(embedding=8, hidden=8)
-    networks = build_networks(5, config)
+    networks = build_networks(5, len(TOKENS), config)
     details = {"words": ["a", "b", "c", "d"], "program_tokens": ["count"]}
     save_checkpoint(tmp_path, "question_parser", networks.state_dict(), config, details)
     with pytest.raises(CheckpointError, match="trained with other program tokens"):
@@ -234,7 +236,7 @@ def test_untrained_networks_decode_well_typed_programs_only(kind: str) -> None:
     rng = random.Random(1)
     texts = [sample(kind, rng)[0] for _ in range(20)]
     tokenizer = Tokenizer.from_texts(normal_form(text).text for text in texts)
-    networks = build_networks(len(tokenizer), config)
+    networks = build_networks(len(tokenizer), len(TOKENS), config)
     tokens = [t for t, _ in QuestionParser(tokenizer, networks).candidates(texts, kind)]
     ended = [t for t in tokens if len(t) < 200 and "<other>" not in t]
     for program in ended:
@@ -244,13 +246,13 @@ def test_untrained_networks_decode_well_typed_programs_only(kind: str) -> None:
 @pytest.mark.parametrize("kind", TEXT_KINDS)
 def test_the_constraint_permits_every_program_of_the_grammar(kind: str) -> None:
     rng = random.Random(2)
-    index = {t: i for i, t in enumerate(PROGRAM_TOKENS)}
+    index = {t: i for i, t in enumerate(TOKENS)}
     for _ in range(300):
         stack = first_stack(kind)
         for step, token in enumerate([index[t] for t in sample(kind, rng)[1]]):
-            assert allowed(stack, kind, step == 0)[token]
-            stack = following(stack, token)
-        assert allowed(stack, kind, False)[END]
+            assert allowed(stack, kind, step == 0, CLEVRER)[token]
+            stack = following(stack, token, CLEVRER)
+        assert allowed(stack, kind, False, CLEVRER)[END]
 
 
 def test_paraphrases_are_well_typed_and_not_in_the_grammar(network: QuestionParser) -> None:

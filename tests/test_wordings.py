@@ -14,7 +14,7 @@ from nsdr.language.slots import Slot, filled
 from nsdr.language.texts import TEXT_KINDS, draw_wording, in_words, read_paraphrases, sample
 from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.grammar import readings
-from nsdr.question_parser.tokenizer import END, PROGRAM_TOKENS
+from nsdr.question_parser.tokenizer import END, decoder_tokens
 from nsdr.world.vocabulary import CLEVRER
 
 MAX_VALUES = 5
@@ -64,15 +64,15 @@ def test_slots_are_filled_with_filters_in_a_fixed_order() -> None:
 @pytest.mark.parametrize("kind", TEXT_KINDS)
 def test_drawn_texts_have_well_typed_programs_that_the_constraint_permits(kind: str) -> None:
     rng = random.Random(kind)
-    index = {t: i for i, t in enumerate(PROGRAM_TOKENS)}
+    index = {t: i for i, t in enumerate(decoder_tokens(CLEVRER))}
     for _ in range(300):
         _, tokens = draw_wording(kind, rng)
         assert Program.parse(tokens).needs_choice == (kind == "multiple_choice")
         stack = first_stack(kind)
         for step, token in enumerate([index[t] for t in tokens]):
-            assert allowed(stack, kind, step == 0)[token]
-            stack = following(stack, token)
-        assert allowed(stack, kind, False)[END]
+            assert allowed(stack, kind, step == 0, CLEVRER)[token]
+            stack = following(stack, token, CLEVRER)
+        assert allowed(stack, kind, False, CLEVRER)[END]
 
 
 @pytest.mark.parametrize("kind", TEXT_KINDS)
@@ -101,15 +101,15 @@ def test_any_well_typed_program_is_put_in_words_or_refused(kind: str) -> None:
     for _ in range(200):
         stack, tokens = first_stack(kind), []
         while len(tokens) < 30:
-            permitted = [i for i, ok in enumerate(allowed(stack, kind, False)) if ok]
-            options = [i for i in permitted if i == END or len(following(stack, i) or ()) <= MAX_VALUES]
+            permitted = [i for i, ok in enumerate(allowed(stack, kind, False, CLEVRER)) if ok]
+            options = [i for i in permitted if i == END or len(following(stack, i, CLEVRER) or ()) <= MAX_VALUES]
             if not options:
                 break
             token = rng.choice(options)
             if token == END:
                 break
-            tokens.append(PROGRAM_TOKENS[token])
-            stack = following(stack, token)
+            tokens.append(decoder_tokens(CLEVRER)[token])
+            stack = following(stack, token, CLEVRER)
         if token == END and tokens:
             with suppress(ProgramError):
                 assert in_words(tokens)

@@ -1,22 +1,30 @@
 """Questions, answers and programs in the words of another world, from the generator to the executor."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
-from nsdr import CLEVRER, Executor, Scene
-from nsdr.baselines.q_type import q_type_answers, subtype_answers
+from nsdr import CLEVRER, CheckpointError, Executor, QuestionParser, Scene
+from nsdr.baselines.q_type import SUBTYPES, q_type_answers, subtype_answers
 from nsdr.clevrer import prompt, read_questions, read_response, scene_from_annotation, scene_from_truth, solution
 from nsdr.clevrer.answers.answer_forms import read_candidate
 from nsdr.clevrer.files.annotations import read_truth_file
-from nsdr.clevrer.files.questions import PLAIN, Question
+from nsdr.clevrer.files.questions import PLAIN, Question, SceneQuestions
 from nsdr.cli.main import main
 from nsdr.errors import DataError
+from nsdr.evaluation import EvaluationConfig, run_evaluation
 from nsdr.evaluation.responses import score_responses
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.questions.selection import QuestionConfig, world_of
-from nsdr.question_parser.grammar import GrammarParser
+from nsdr.question_parser.grammar import GrammarParser, readings
+from nsdr.question_parser.language_model import NO_PROGRAM, examples
+from nsdr.question_parser.loading import load_parser
+from nsdr.question_parser.tokenizer import decoder_tokens
+from nsdr.symbolic.reference import reference_page
+from nsdr.training.question_parser import main as train_question_parser
 from nsdr.world.world import CLEVRER_WORLD
 
 from .test_other_worlds import DISCS
@@ -112,11 +120,9 @@ def test_statistics_and_baselines_by_type_are_of_the_world(root: Path) -> None:
     assert not drawn & CLEVRER_WORLD.vocabulary.attributes.keys()
 
 
-def _clevrer_kinds(listed):
-    from msgspec.structs import replace
-
+def _clevrer_kinds(listed: Sequence[SceneQuestions]) -> list[SceneQuestions]:
     return [
-        replace(s, questions=tuple(q for q in s.questions if q.choices or q.subtype in subtype_answers(DISCS)))
+        structs.replace(s, questions=tuple(q for q in s.questions if q.choices or q.subtype in subtype_answers(DISCS)))
         for s in listed
     ]
 
@@ -184,3 +190,50 @@ def test_candidates_are_read_in_the_scenes_words(root: Path) -> None:
         None,
     ]
     assert "expected one material: wood, steel" in answer.choices[2].error
+
+
+def test_networks_are_trained_on_the_words_of_a_data_set_and_refused_for_others(root: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    small = ["--run-dir", str(run), "--questions", str(root / "questions/train.json"), "--steps", "2"]
+    small += ["--batch-size", "4", "--evaluation-texts", "4", "--model.embedding", "8", "--model.hidden", "8"]
+    folder = train_question_parser(small)
+    parser = QuestionParser.from_checkpoint(folder, DISCS.vocabulary)
+    assert {"orange", "wood", "coin"} <= set(decoder_tokens(DISCS.vocabulary)) - set(
+        decoder_tokens(CLEVRER_WORLD.vocabulary)
+    )
+    found, _ = parser.candidates(["How many orange coins are there?"])[0]
+    assert set(found) <= set(decoder_tokens(DISCS.vocabulary))
+    with pytest.raises(
+        CheckpointError, match=r"other program tokens \(orange, white, teal, wood, steel, disc, coin, brick\)"
+    ):
+        QuestionParser.from_checkpoint(folder)
+    with pytest.raises(CheckpointError, match=r"other program tokens .*give the weights of this world"):
+        load_parser("network", vocabulary=DISCS.vocabulary)
+    parser.save_pretrained(tmp_path / "saved")
+    again = QuestionParser.from_checkpoint(tmp_path / "saved", DISCS.vocabulary)
+    assert again.candidates(["How many orange coins are there?"])[0][0] == found
+    irregular = replace(
+        DISCS.vocabulary, shapes=(replace(DISCS.vocabulary.shapes[0], plural="dixes"), *DISCS.vocabulary.shapes[1:])
+    )
+    with pytest.raises(CheckpointError, match="words: expected those of the world, such as dixes"):
+        QuestionParser.from_checkpoint(folder, irregular)
+
+
+@pytest.mark.parametrize("vocabulary", [ALIEN, DISCS.vocabulary], ids=["alien", "discs"])
+def test_a_language_model_is_shown_examples_in_the_words_of_the_vocabulary(vocabulary) -> None:
+    clevrer = CLEVRER_WORLD.vocabulary
+    for kind, texts in examples(vocabulary).items():
+        for text, program in texts.items():
+            if program != NO_PROGRAM:
+                assert readings(text, kind, vocabulary) == [program.split()]
+            assert not {*clevrer.attributes, *clevrer.nouns}.intersection(text.split()) - {"object", "objects"}
+    assert "- color: `" in reference_page(vocabulary)
+    assert "`metal`" not in reference_page(vocabulary)
+    assert examples(clevrer)["choice"]["The red sphere turns blue"] == NO_PROGRAM
+
+
+def test_data_sets_are_evaluated_in_their_words(root: Path) -> None:
+    files = {"questions": str(root / "questions/train.json"), "data": str(root / "truth/train")}
+    report = run_evaluation(EvaluationConfig(**files, source="truth", types=("descriptive", "explanatory")))
+    assert report["explanatory"]["per_question"] == 1
+    assert all(row["accuracy"] == 1 for name, row in report["descriptive"]["subtypes"].items() if name in SUBTYPES)

@@ -16,8 +16,12 @@ from nsdr.baselines.features.words import recolored
 from nsdr.baselines.q_type import OPTION_ANSWERS
 from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
-from nsdr.question_parser.tokenizer import END, PAD, TOKEN_INDEX, Tokenizer
+from nsdr.question_parser.tokenizer import END, PAD, Tokenizer, decoder_tokens
+from nsdr.world.vocabulary import CLEVRER
 
+PROGRAM_TOKENS = decoder_tokens(CLEVRER)
+"""Tokens of programs, by their indices."""
+_TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 PROGRAM_SEPARATOR = END
 """Token between the question's program and the option's."""
 
@@ -117,10 +121,10 @@ def encoded(scene_index: int, question: Question, vocabulary: Vocabulary, needs:
 def _token_indices(text: Question | Choice) -> list[int]:
     if text.program is None:
         raise QuestionError(f"{text.text!r} has no program; parse the questions, or give a file with programs")
-    unknown = [token for token in text.program if token not in TOKEN_INDEX]
+    unknown = [token for token in text.program if token not in _TOKEN_INDEX]
     if unknown:
         raise QuestionError(f"the program of {text.text!r} has the unknown token {unknown[0]!r}")
-    return [TOKEN_INDEX[token] for token in text.program]
+    return [_TOKEN_INDEX[token] for token in text.program]
 
 
 def training_examples(

@@ -5,8 +5,7 @@ CLEVRER's physics does not depend on colours. Features of the truth have numbers
 
 import numpy as np
 
-from nsdr.baselines.data import Example, Vocabulary
-from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
+from nsdr.baselines.data import PROGRAM_TOKENS, Example, Vocabulary
 from nsdr.world.vocabulary import COLORS
 
 

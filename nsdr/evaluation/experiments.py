@@ -20,7 +20,6 @@ from msgspec import Meta, structs
 
 import nsdr
 from nsdr.baselines.q_type import q_type_answers
-from nsdr.clevrer.dataset import Split
 from nsdr.clevrer.files.questions import OPTION_TAGS, QUESTION_TYPES, read_questions
 from nsdr.errors import DataError
 from nsdr.evaluation.baselines import USED, baseline_fingerprint, evaluate_baseline, training_text
@@ -33,7 +32,6 @@ from nsdr.io.configuration import config_of
 from nsdr.io.files import locked, write_file, write_json
 from nsdr.io.fingerprint import code_revision, fingerprint
 from nsdr.io.reading import read_json, read_yaml
-from nsdr.io.worlds import world_beside
 from nsdr.validation import convert
 
 INTERVAL = " ({:.1f}-{:.1f})"
@@ -217,14 +215,13 @@ def _measured(row: ExperimentRow, device: str) -> dict[str, Any]:
 
 
 def _q_type_report(row: ExperimentRow, config: EvaluationConfig) -> Report:
-    listed, data = selected_questions(config)
-    world = data.world if isinstance(data, Split) else world_beside(config.questions)
+    listed, _ = selected_questions(config)
     scenes = [
         msgspec.structs.replace(s, questions=tuple(q for q in s.questions if q.type in config.types)) for s in listed
     ]
     training = read_questions(row.training) if row.training else None
     try:
-        return score_answers(q_type_answers(scenes, row.baseline, training=training, world=world))
+        return score_answers(q_type_answers(scenes, row.baseline, training=training, world=config.world))
     except DataError as e:
         raise DataError(f"row {row.name!r}: {e}") from e
 

@@ -99,7 +99,9 @@ def evaluate(
 def _without_questions(pipeline: Pipeline) -> Pipeline:
     """A pipeline that perceives alike."""
     p = pipeline
-    return Pipeline(p.frame_parser, p.dynamics, GrammarParser(), p.tracker, p.video, p.world)
+    return Pipeline(
+        p.frame_parser, p.dynamics, GrammarParser(vocabulary=p.world.vocabulary), p.tracker, p.video, p.world
+    )
 
 
 def run_evaluation(config: EvaluationConfig) -> Report:
@@ -204,7 +206,8 @@ def parser_of(config: EvaluationConfig) -> Parser | None:
     settings = config.pipeline()
     if config.programs == "gold":
         return None
-    return load_parser(settings.question_parser, config.checkpoint, settings.extensions, config.device)
+    vocabulary = config.world.vocabulary
+    return load_parser(settings.question_parser, config.checkpoint, settings.extensions, config.device, vocabulary)
 
 
 def parse_all(parser: Parser, questions: Iterable[SceneQuestions], types: Sequence[str]) -> Parse:

@@ -15,8 +15,10 @@ from nsdr.evaluation.sources import SOURCES, Data
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.tasks import ENGINES
+from nsdr.io.worlds import world_beside
 from nsdr.pipeline_config import OF_QUESTIONS, PipelineConfig, pipeline_settings
 from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
+from nsdr.world.world import World
 
 VERSION = 3
 """Of reports: raised when they change."""
@@ -123,6 +125,11 @@ class EvaluationConfig(Settings):
             raise DataError("available is of --root and does nothing without it")
         if self.semantics == "official" and self.root:
             raise DataError("source predictions cannot be read from a split of --root; give --questions and --data")
+
+    @property
+    def world(self) -> World:
+        """The world of the questions."""
+        return world_beside(self.questions or Path(self.root) / "manifest.json")
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of the pipeline."""

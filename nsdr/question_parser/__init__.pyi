@@ -3,6 +3,6 @@ from .language_model import LanguageModelParser as LanguageModelParser
 from .loading import load_parser as load_parser
 from .model import ParserNetwork as ParserNetwork, QuestionParserConfig as QuestionParserConfig
 from .network import build_networks as build_networks, pad as pad
-from .tokenizer import PROGRAM_TOKENS as PROGRAM_TOKENS, Tokenizer as Tokenizer
+from .tokenizer import Tokenizer as Tokenizer, decoder_tokens as decoder_tokens
 
 VERSION: int

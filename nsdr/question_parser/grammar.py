@@ -159,8 +159,9 @@ def read_as(program: ProgramSource, vocabulary: Vocabulary) -> str:
     return f"read as {_said(program, vocabulary)!r:.200}"
 
 
-def unless_confirmed(program: Program, text: str, kind: str, vocabulary: Vocabulary = CLEVRER) -> Program:
+def unless_confirmed(program: Program, text: str, kind: str) -> Program:
     """The program that a network or language model gives for a text, with a note if the rules do not read the text so."""
+    vocabulary = program.vocabulary
     is_read_so = readings(text, kind, vocabulary) == [[*program.tokens]]
     is_confirmed = is_read_so and not normal_form(text, vocabulary=vocabulary).is_hedged
     return program if is_confirmed else program.with_notes(read_as(program, vocabulary))

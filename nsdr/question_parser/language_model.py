@@ -3,17 +3,20 @@
 import os
 import re
 from collections.abc import Iterator, Sequence
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
 from nsdr.errors import DataError, EndpointError, NsdrError, ProgramError, QuestionError
 from nsdr.io.reading import parse_json
+from nsdr.language.reserved import check_vocabulary
 from nsdr.language.texts import kind_of
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.grammar import another_kind, check_text, unless_confirmed
-from nsdr.symbolic.modules import MODULES, WORDS
+from nsdr.question_parser.tokenizer import decoder_tokens
 from nsdr.symbolic.program import Program
 from nsdr.symbolic.reference import reference_page
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 TIMEOUT_S = 120.0
 """Default of the longest time without anything from the server (s)."""
@@ -26,7 +29,6 @@ NAMED_MODELS = 5
 KEY_VARIABLE = "OPENAI_API_KEY"
 """Environment variable with the key that the server wants, if it wants one."""
 LEAVE_OUT = "or take the question parser grammar, which needs no server"
-_TOKENS = frozenset([*(name for name, module in MODULES.items() if module.in_data_set), *WORDS])
 
 
 def is_address(url: str) -> bool:
@@ -42,13 +44,18 @@ class LanguageModelParser(Parser):
             OPENAI_API_KEY, if it is set, is sent as the key, to this address only: redirects are errors.
         model: the model's name; "" for the only one that the server has.
         timeout_s: longest time without anything from the server (s).
+        vocabulary: the words of objects.
 
     Raises:
         DataError: an address of another form, or the package openai is not installed.
         EndpointError: the server does not answer or refuses; without `model`, it has no model or several.
     """
 
-    def __init__(self, url: str, model: str = "", timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(
+        self, url: str, model: str = "", timeout_s: float = TIMEOUT_S, vocabulary: Vocabulary = CLEVRER
+    ) -> None:
+        check_vocabulary(vocabulary)
+        self.vocabulary = vocabulary
         if not is_address(url):
             shown = url.rpartition("@")[2]
             raise DataError(
@@ -103,7 +110,7 @@ class LanguageModelParser(Parser):
             "/chat/completions",
             self._client.chat.completions.create,
             model=self.model,
-            messages=_messages(text, kind),
+            messages=_messages(text, kind, self.vocabulary),
             temperature=0,
         )
         try:
@@ -119,7 +126,7 @@ class LanguageModelParser(Parser):
             raise EndpointError(
                 f"{self.url}: not the reply of an OpenAI-compatible server; is the address right (it mostly ends in /v1)?"
             )
-        program = _first_program(reply, text, self.model)
+        program = _first_program(reply, text, self.model, self.vocabulary)
         if kind_of(program) != kind:
             raise another_kind(text, kind)
         return unless_confirmed(program, text, kind)
@@ -154,35 +161,53 @@ class LanguageModelParser(Parser):
             ) from e
 
 
-def examples() -> dict[str, dict[str, str]]:
-    """Texts and programs that the model is shown, by kind of text."""
+@cache
+def examples(vocabulary: Vocabulary) -> dict[str, dict[str, str]]:
+    """Texts and programs that the model is shown, by kind of text, in the words of a vocabulary."""
     content: dict[str, dict[str, str]] = parse_json(
         files("nsdr.question_parser").joinpath("examples.json").read_bytes(), "examples.json"
     )
-    return content
+    return {
+        kind: {_recast(text, vocabulary): _recast(program, vocabulary) for text, program in pairs.items()}
+        for kind, pairs in content.items()
+    }
 
 
-def _messages(text: str, kind: str) -> list[dict[str, str]]:
-    rules = files("nsdr.question_parser").joinpath("prompt.md").read_text("utf-8").replace("MODULES", reference_page())
-    messages = [{"role": "system", "content": rules}]
-    for example, program in examples()[kind].items():
+def _recast(text: str, vocabulary: Vocabulary) -> str:
+    """A text in CLEVRER's words with the vocabulary's word of the same number in place of each, modulo how many there are."""
+    others = {
+        word: words[i % len(words)]
+        for name, words in vocabulary.words.items()
+        for i, word in enumerate(CLEVRER.words[name])
+    }
+    others |= {
+        shape.plurals[shape.word]: vocabulary.noun_phrase([others[shape.word]], is_plural=True)
+        for shape in CLEVRER.shapes
+    }
+    return re.sub(r"\w+", lambda word: others.get(word[0], word[0]), text)
+
+
+def _messages(text: str, kind: str, vocabulary: Vocabulary) -> list[dict[str, str]]:
+    rules = _recast(files("nsdr.question_parser").joinpath("prompt.md").read_text("utf-8"), vocabulary)
+    messages = [{"role": "system", "content": rules.replace("MODULES", reference_page(vocabulary))}]
+    for example, program in examples(vocabulary)[kind].items():
         messages.append({"role": "user", "content": f"{kind}: {example}"})
         messages.append({"role": "assistant", "content": program})
     return [*messages, {"role": "user", "content": f"{kind}: {text}"}]
 
 
-def _first_program(reply: str, text: str, model: str) -> Program:
+def _first_program(reply: str, text: str, model: str, vocabulary: Vocabulary) -> Program:
     """The first well-formed program of a reply.
 
     Raises:
         QuestionError: there is none; quotes the reply.
     """
     error: ProgramError | None = None
-    for source in _candidates(reply):
+    for source in _candidates(reply, vocabulary):
         if source == NO_PROGRAM:
             break
         try:
-            return Program.parse(source)
+            return Program.parse(source, vocabulary)
         except ProgramError as e:
             error = error or e
     else:
@@ -194,15 +219,16 @@ def _first_program(reply: str, text: str, model: str) -> Program:
     raise QuestionError(f"{text!r} fits no program, says {model!r:.80}; word it like a CLEVRER question")
 
 
-def _candidates(reply: str) -> Iterator[str]:
+def _candidates(reply: str, vocabulary: Vocabulary) -> Iterator[str]:
     """Lines, their ends after a colon, and quotations in backticks, that hold tokens only; and `NO_PROGRAM`.
 
     What a reasoning model thinks aloud, up to `</think>`, is passed over.
     """
+    known = frozenset(decoder_tokens(vocabulary))
     for line in reply.rpartition("</think>")[2].splitlines():
         for part in (line.rpartition(":")[2], *re.findall(r"`([^`]+)`", line)):
             names = re.findall(r"\w+", part)
             if names == [NO_PROGRAM]:
                 yield NO_PROGRAM
-            elif names and _TOKENS.issuperset(name.lower() for name in names):
+            elif names and known.issuperset(name.lower() for name in names):
                 yield part.strip(" \t`*'\".,;") if "(" in part else " ".join(names)

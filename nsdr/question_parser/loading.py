@@ -7,6 +7,7 @@ from nsdr.io.checkpoint import HasWeights, find_checkpoint, folder_of_part
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.grammar import GrammarParser
 from nsdr.question_parser.language_model import LanguageModelParser, is_address
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 GRAMMAR, NETWORK = "grammar", "network"
 
@@ -31,7 +32,11 @@ def check_parser(name: str, extensions: bool = False) -> None:
 
 
 def load_parser(
-    name: str = GRAMMAR, checkpoint: str | Path = "default", extensions: bool = False, device: str = "auto"
+    name: str = GRAMMAR,
+    checkpoint: str | Path = "default",
+    extensions: bool = False,
+    device: str = "auto",
+    vocabulary: Vocabulary = CLEVRER,
 ) -> Parser:
     """A question parser by its name.
 
@@ -41,21 +46,23 @@ def load_parser(
         checkpoint: where the weights of the networks are, as in `find_checkpoint`. If it has none, `default` has them.
         extensions: also parse questions beyond CLEVRER (the grammar only).
         device: where the networks run, as in `PretrainedPart.to`.
+        vocabulary: the words of objects.
 
     Raises:
-        DataError: no parser has this name, or it parses no questions beyond CLEVRER.
-        CheckpointError: weights are missing or corrupt.
+        DataError: no parser has this name, or it parses no questions beyond CLEVRER, or questions cannot have the vocabulary.
+        CheckpointError: weights are missing or corrupt, or were trained on other words.
         EndpointError: the server does not answer.
     """
     check_parser(name, extensions)
     if name == GRAMMAR:
-        return GrammarParser(extensions)
+        return GrammarParser(extensions, vocabulary)
     if name == NETWORK:
         from nsdr.question_parser.network import QuestionParser
 
-        return QuestionParser.from_checkpoint(folder_of_part(find_checkpoint(checkpoint), "question_parser")).to(device)
+        folder = folder_of_part(find_checkpoint(checkpoint), "question_parser")
+        return QuestionParser.from_checkpoint(folder, vocabulary).to(device)
     address, _, model = name.partition("#")
-    return LanguageModelParser(address, model)
+    return LanguageModelParser(address, model, vocabulary=vocabulary)
 
 
 def settings_of(parser: Parser) -> tuple[str, bool]:

@@ -12,6 +12,7 @@ from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 from nsdr.question_parser.constraint import allowed, first_stack, following
 from nsdr.question_parser.tokenizer import END, PAD, START
 from nsdr.validation import MAX_SIZE, Settings, Share, Size
+from nsdr.world.vocabulary import Vocabulary
 
 MAX_LAYERS = 100
 """Largest `QuestionParserConfig.layers`."""
@@ -88,12 +89,13 @@ class ParserNetwork(nn.Module):
         return self.decode(tokens, states, mask, state)[0]
 
     @torch.no_grad()
-    def search(self, words: Tensor, kind: str) -> tuple[list[list[int]], list[float]]:
+    def search(self, words: Tensor, kind: str, vocabulary: Vocabulary) -> tuple[list[list[int]], list[float]]:
         """Programs of the most probable token that the signature table permits after each (greedy search, `constraint`).
 
         Args:
             words: (B, T) word indices, on any device.
             kind: kind of the texts.
+            vocabulary: of the program tokens.
 
         Returns:
             Token indices of each text's program, and its probability among all token sequences (0-1). The constraint does not
@@ -110,7 +112,7 @@ class ParserNetwork(nn.Module):
         for step in range(self.config.max_tokens):
             logits, state = self.decode(token, states, mask, state)
             scores = logits[:, 0].log_softmax(-1)
-            masks = np.stack([allowed(stack, kind, step == 0) for stack in stacks])
+            masks = np.stack([allowed(stack, kind, step == 0, vocabulary) for stack in stacks])
             scores = scores.masked_fill(~torch.from_numpy(masks).to(device), float("-inf"))
             best, token = scores.max(-1, keepdim=True)
             score += best[:, 0] * torch.tensor(running, device=device)
@@ -118,7 +120,7 @@ class ParserNetwork(nn.Module):
                 running[i] = running[i] and t not in (PAD, END)
                 if running[i]:
                     rows[i].append(t)
-                stacks[i] = following(stacks[i], t) if running[i] else None
+                stacks[i] = following(stacks[i], t, vocabulary) if running[i] else None
             if not any(running):
                 break
         return rows, score.exp().tolist()

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import torch
 from torch import nn
@@ -16,8 +16,9 @@ from nsdr.language.texts import TEXT_KINDS
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.grammar import REMEDY, another_kind, check_text, unless_confirmed
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
-from nsdr.question_parser.tokenizer import OTHER, PROGRAM_TOKENS, Tokenizer, split_words
+from nsdr.question_parser.tokenizer import OTHER, Tokenizer, decoder_tokens, split_words
 from nsdr.symbolic.program import Program
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 MIN_PROBABILITY = 0.5
 """Programs with a smaller probability are refused (0-1): such a program is more probable than all others together."""
@@ -31,9 +32,9 @@ def pad(rows: Sequence[Sequence[int]]) -> torch.Tensor:
     return torch.tensor([[*row, *[0] * (width - len(row))] for row in rows])
 
 
-def build_networks(n_words: int, config: QuestionParserConfig) -> nn.ModuleDict:
+def build_networks(n_words: int, n_tokens: int, config: QuestionParserConfig) -> nn.ModuleDict:
     """The three networks by kind of text, with random weights."""
-    return nn.ModuleDict({kind: ParserNetwork(n_words, len(PROGRAM_TOKENS), config) for kind in TEXT_KINDS})
+    return nn.ModuleDict({kind: ParserNetwork(n_words, n_tokens, config) for kind in TEXT_KINDS})
 
 
 class QuestionParser(PretrainedPart, Parser):
@@ -42,32 +43,42 @@ class QuestionParser(PretrainedPart, Parser):
     Args:
         tokenizer: word vocabulary.
         networks: the networks of `build_networks`.
+        vocabulary: the words of objects that they were trained on.
     """
 
     part = "question_parser"
 
-    def __init__(self, tokenizer: Tokenizer, networks: nn.ModuleDict) -> None:
-        self.tokenizer, self.networks = tokenizer, networks.eval()
+    def __init__(self, tokenizer: Tokenizer, networks: nn.ModuleDict, vocabulary: Vocabulary = CLEVRER) -> None:
+        self.tokenizer, self.networks, self.vocabulary = tokenizer, networks.eval(), vocabulary
 
     @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
+    def from_checkpoint(cls, folder: str | Path, vocabulary: Vocabulary = CLEVRER, **options: Any) -> Self:
         """The question parser of a checkpoint's folder, on the CPU; `options` are arguments of the constructor.
 
         Raises:
             CheckpointError: `question_parser.safetensors` or `question_parser.json` is missing or corrupt, or the parser was
-                trained with other program tokens.
+                trained with other program tokens, such as other words of objects.
         """
         path, details = Path(folder) / f"{cls.part}.json", load_description(folder, cls.part)
-        tokens, words = details.get("program_tokens"), details.get("words")
-        if not isinstance(tokens, list) or tuple(tokens) != PROGRAM_TOKENS:
-            raise CheckpointError(f"{path}: the question parser was trained with other program tokens; train it again")
+        tokens, words, expected = details.get("program_tokens"), details.get("words"), decoder_tokens(vocabulary)
+        if not isinstance(tokens, list) or tuple(tokens) != expected:
+            other = (
+                ", ".join(str(token) for token in tokens if token not in expected) if isinstance(tokens, list) else ""
+            )
+            raise CheckpointError(
+                f"{path}: the question parser was trained with other program tokens{other and f' ({other:.200})'}; give the "
+                "weights of this world, or train them (`nsdr train question-parser`)"
+            )
         if not isinstance(words, list) or not all(isinstance(w, str) and split_words(w) == [w] for w in words):
             raise CheckpointError(f"{path}: words: expected a list of single words in lower case; restore the file")
         if not words or len(set(words)) < len(words):
             raise CheckpointError(f"{path}: words: expected at least one word, each once; restore the file")
+        nouns = (noun for shape in vocabulary.shapes for noun in (shape.word, shape.plurals[shape.word]))
+        if missing := [noun for noun in nouns if noun not in words]:
+            raise CheckpointError(f"{path}: words: expected those of the world, such as {missing[0]}; train it again")
         tokenizer = Tokenizer(words)
-        build = partial(build_networks, len(tokenizer))
-        return cls(tokenizer, load_network(folder, cls.part, QuestionParserConfig, build), **options)
+        build = partial(build_networks, len(tokenizer), len(expected))
+        return cls(tokenizer, load_network(folder, cls.part, QuestionParserConfig, build), vocabulary, **options)
 
     @property
     def network(self) -> nn.Module:
@@ -76,7 +87,7 @@ class QuestionParser(PretrainedPart, Parser):
 
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
         network: Any = self.networks[TEXT_KINDS[0]]
-        return network.config, {"words": self.tokenizer.words, "program_tokens": PROGRAM_TOKENS}
+        return network.config, {"words": self.tokenizer.words, "program_tokens": decoder_tokens(self.vocabulary)}
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
         """See `Parser`.
@@ -89,7 +100,7 @@ class QuestionParser(PretrainedPart, Parser):
         for i, text in enumerate(texts):
             try:
                 check_text(text, kind)
-                unknown = normal_form(text).left_out
+                unknown = normal_form(text, vocabulary=self.vocabulary).left_out
                 if unknown:
                     raise QuestionError(f"unknown word {unknown[0]!r:.40} in {text!r:.200}; {REMEDY}")
                 readable.append(i)
@@ -97,7 +108,8 @@ class QuestionParser(PretrainedPart, Parser):
                 found[i] = e
         for i, (tokens, probability) in zip(readable, self.candidates([texts[i] for i in readable], kind), strict=True):
             try:
-                found[i] = unless_confirmed(_program(texts[i], tokens, kind, probability), texts[i], kind)
+                program = _program(texts[i], tokens, kind, probability, self.vocabulary)
+                found[i] = unless_confirmed(program, texts[i], kind)
             except NsdrError as e:
                 found[i] = e
         return [found[i] for i in range(len(texts))]
@@ -110,23 +122,23 @@ class QuestionParser(PretrainedPart, Parser):
         """
         if not texts:
             return []
-        network: Any = self.networks[kind]
+        network, known = cast(Any, self.networks[kind]), decoder_tokens(self.vocabulary)
         found: list[tuple[list[str], float]] = []
         for start in range(0, len(texts), MAX_BATCH_TEXTS):
-            normal = [normal_form(text).text for text in texts[start : start + MAX_BATCH_TEXTS]]
-            encoded = [self.tokenizer.known(text) for text in normal]
+            listed = texts[start : start + MAX_BATCH_TEXTS]
+            encoded = [self.tokenizer.known(normal_form(text, vocabulary=self.vocabulary).text) for text in listed]
             words = pad([row or [1] for row in encoded])
-            rows, probabilities = network.search(words, kind)
+            rows, probabilities = network.search(words, kind, self.vocabulary)
             for row, tokens, probability in zip(encoded, rows, probabilities, strict=True):
-                found.append(([PROGRAM_TOKENS[t] for t in tokens], probability) if row else ([OTHER], 1.0))
+                found.append(([known[t] for t in tokens], probability) if row else ([OTHER], 1.0))
         return found
 
 
-def _program(text: str, tokens: list[str], kind: str, probability: float) -> Program:
+def _program(text: str, tokens: list[str], kind: str, probability: float, vocabulary: Vocabulary) -> Program:
     if OTHER in tokens:
         raise another_kind(text, kind)
     try:
-        program = Program.parse(tokens)
+        program = Program.parse(tokens, vocabulary)
     except ProgramError as e:
         raise QuestionError(f"{text!r:.200} fits no program ({e}); {REMEDY}") from e
     if probability < MIN_PROBABILITY:

@@ -2,20 +2,25 @@
 
 import re
 from collections.abc import Iterable, Sequence
+from functools import cache
 
 from nsdr.errors import QuestionError
-from nsdr.symbolic.modules import MODULES, WORDS
+from nsdr.symbolic.modules import MODULES, program_words
+from nsdr.world.vocabulary import Vocabulary
 
 PAD, START, END = 0, 1, 2
 """Indices of the special tokens; 0 is also the padding of words."""
 OTHER = "<other>"
 """The only token of a text of another kind than the network's."""
 
-PROGRAM_TOKENS = ("<pad>", "<start>", "<end>", OTHER, *(name for name, m in MODULES.items() if m.in_data_set), *WORDS)
-"""The decoder's vocabulary: special tokens, then the modules and words of the signature table."""
-TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
-
 _WORD = re.compile(r"'s\b|[^\W_]+")
+
+
+@cache
+def decoder_tokens(vocabulary: Vocabulary) -> tuple[str, ...]:
+    """The tokens of the decoder: special ones, CLEVRER's modules, and the words of programs."""
+    modules = (name for name, module in MODULES.items() if module.in_data_set)
+    return ("<pad>", "<start>", "<end>", OTHER, *modules, *program_words(vocabulary))
 
 
 def split_words(text: str) -> list[str]:

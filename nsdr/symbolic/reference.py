@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 
-from nsdr.symbolic.modules import EXTENSION_WORDS, MODULES, WORDS, Kind, Module
+from nsdr.symbolic.modules import EXTENSION_WORDS, MODULES, Kind, Module, program_words
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 HEAD = "| token | arguments | result | meaning |\n|---|---|---|---|\n"
 
 
-def reference_page() -> str:
-    """The modules and words of CLEVRER's programs and the released executor, as Markdown."""
+def reference_page(vocabulary: Vocabulary) -> str:
+    """The modules of CLEVRER's programs and the released executor, and the words of a vocabulary's programs, as Markdown."""
     rows = [_row(m) for m in MODULES.values() if m.in_data_set]
     released_only = [_row(m) for m in MODULES.values() if not m.in_data_set and not m.extension]
     return f"""# Program modules
@@ -28,7 +29,7 @@ deepest. `nsdr.Program.parse` also reads the released executor's names.
 
 ## Words
 
-{_words(WORDS)}
+{_words(program_words(vocabulary))}
 """
 
 
@@ -60,4 +61,4 @@ def _row(module: Module) -> str:
 
 
 if __name__ == "__main__":
-    print(reference_page() + extension_page(), end="")
+    print(reference_page(CLEVRER) + extension_page(), end="")

@@ -14,9 +14,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR
+from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR, PROGRAM_TOKENS
 from nsdr.errors import ProgramError
-from nsdr.question_parser.tokenizer import PROGRAM_TOKENS
 from nsdr.symbolic.modules import MODULES, WORDS
 from nsdr.symbolic.program import ANSWER_KINDS, Program
 
