@@ -99,10 +99,10 @@ def contrary(sentence: str, scene: Scene) -> str:
     """What contradicts a narrated sentence."""
     said = verify(sentence, scene).claims[0].statement
     if said.kind == "motion":
-        return written(replace(said, words=(OPPOSITES[said.words[0]],)))
+        return written(replace(said, words=(OPPOSITES[said.words[0]],)), CLEVRER)
     if said.number is not None:
-        return written(replace(said, number=said.number % 2 + 1))
-    return written(replace(said, negated=not said.negated))
+        return written(replace(said, number=said.number % 2 + 1), CLEVRER)
+    return written(replace(said, negated=not said.negated), CLEVRER)
 
 
 def denied(scene: Scene) -> Iterator[str]:
@@ -114,7 +114,7 @@ def denied(scene: Scene) -> Iterator[str]:
         for pair in combinations(range(len(names)), 2):
             if all(e.objects != pair for e in events) and removed not in [names[i] for i in pair]:
                 event = EventPhrase("collision", tuple(names[i] for i in pair))
-                yield written(Statement(kind, True, events=(event,), removed=removed))
+                yield written(Statement(kind, True, events=(event,), removed=removed), CLEVRER)
 
 
 def texts(scene: Scene, question: Question, other: Question, rng: random.Random) -> dict[str, Sequence[str]]:

@@ -18,7 +18,7 @@ from nsdr.claims.verification import TOLERANCE_FRAMES
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
 from nsdr.symbolic import Executor
 from nsdr.world.physics_constants import FPS
-from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import CLEVRER, COLORS, MATERIALS, SHAPES
 
 N_FRAMES = 30
 
@@ -240,7 +240,7 @@ def test_what_fails(small_scene: Scene, text: str, reason: str) -> None:
 @pytest.mark.parametrize("text", [text for text, _ in (*HOLDS, *FAILS)])
 def test_what_is_read_is_written_and_read_back(small_scene: Scene, text: str) -> None:
     found = verify(text, small_scene)
-    again = verify(" ".join(written(claim.statement) for claim in found.claims), small_scene)
+    again = verify(" ".join(written(claim.statement, CLEVRER) for claim in found.claims), small_scene)
     assert [(c.kind, c.holds, c.objects, c.frame) for c in again.claims] == [
         (c.kind, c.holds, c.objects, c.frame) for c in found.claims
     ]
@@ -284,9 +284,9 @@ def test_what_is_not_read_is_skipped_and_counted(small_scene: Scene, text: str) 
 
 def test_times_in_tenths_of_a_second_are_frames_within_the_tolerance() -> None:
     for frame in range(128):
-        (said,) = read_sentence(f"At {frame / FPS:.1f} s the cube enters", 127)
+        (said,) = read_sentence(f"At {frame / FPS:.1f} s the cube enters", 127, CLEVRER, FPS)
         assert abs(said.events[0].frame - frame) <= TOLERANCE_FRAMES
-        (said,) = read_sentence(f"At {frame / FPS:.2f} s the cube enters", 127)
+        (said,) = read_sentence(f"At {frame / FPS:.2f} s the cube enters", 127, CLEVRER, FPS)
         assert said.events[0].frame == frame
 
 
@@ -367,9 +367,23 @@ def test_the_tolerance_is_an_argument(small_scene: Scene) -> None:
 
 
 def test_a_sentence_of_several_worlds_is_not_read() -> None:
-    assert read_sentence("The cube exits and the cube hits the sphere without the cylinder", 127) == ()
-    assert len(read_sentence("Without the cylinder, the cube hits the sphere and the sphere hits the cone", 127)) == 0
-    assert len(read_sentence("Without the cylinder, the cube hits the sphere and the sphere hits the ball", 127)) == 2
+    assert read_sentence("The cube exits and the cube hits the sphere without the cylinder", 127, CLEVRER, FPS) == ()
+    assert (
+        len(
+            read_sentence(
+                "Without the cylinder, the cube hits the sphere and the sphere hits the cone", 127, CLEVRER, FPS
+            )
+        )
+        == 0
+    )
+    assert (
+        len(
+            read_sentence(
+                "Without the cylinder, the cube hits the sphere and the sphere hits the ball", 127, CLEVRER, FPS
+            )
+        )
+        == 2
+    )
 
 
 def test_the_page_shows_what_its_code_prints() -> None:

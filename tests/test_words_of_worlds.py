@@ -1,5 +1,6 @@
 """Questions, answers and programs in the words of another world, from the generator to the executor."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -7,8 +8,10 @@ from pathlib import Path
 import pytest
 from msgspec import structs
 
-from nsdr import CLEVRER, CheckpointError, Executor, QuestionParser, Scene
+from nsdr import CLEVRER, CheckpointError, Executor, QuestionParser, Scene, narrate, verify
 from nsdr.baselines.q_type import SUBTYPES, q_type_answers, subtype_answers
+from nsdr.claims.reading import read_sentence, written
+from nsdr.claims.statements import ObjectPhrase, Statement
 from nsdr.clevrer import prompt, read_questions, read_response, scene_from_annotation, scene_from_truth, solution
 from nsdr.clevrer.answers.answer_forms import read_candidate
 from nsdr.clevrer.files.annotations import read_truth_file
@@ -18,6 +21,7 @@ from nsdr.errors import DataError
 from nsdr.evaluation import EvaluationConfig, run_evaluation
 from nsdr.evaluation.responses import score_responses
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
+from nsdr.generate.questions.candidates import EXTENSION_KINDS
 from nsdr.generate.questions.selection import QuestionConfig, world_of
 from nsdr.question_parser.grammar import GrammarParser, readings
 from nsdr.question_parser.language_model import NO_PROGRAM, examples
@@ -237,3 +241,36 @@ def test_data_sets_are_evaluated_in_their_words(root: Path) -> None:
     report = run_evaluation(EvaluationConfig(**files, source="truth", types=("descriptive", "explanatory")))
     assert report["explanatory"]["per_question"] == 1
     assert all(row["accuracy"] == 1 for name, row in report["descriptive"]["subtypes"].items() if name in SUBTYPES)
+
+
+@pytest.mark.parametrize("length", ["short", "long"])
+def test_answers_are_told_in_claims_that_hold(root: Path, length) -> None:
+    told = 0
+    for scene, q in asked(root):
+        if q.subtype in EXTENSION_KINDS or "get_changed" in (q.program or ()):
+            continue
+        executor, program = Executor(scene), q.program or ()
+        choices = [(c.text, c.program or ()) for c in q.choices]
+        answer = executor.answer_choices(program, choices) if choices else executor.answer(program)
+        text = narrate(answer, scene, length)
+        found = verify(text, scene)
+        assert all(claim.holds for claim in found.claims), text
+        assert len(found.claims) >= len(text.splitlines()) - 1
+        assert CLEVRER_WORLD.vocabulary.attributes.keys().isdisjoint(re.findall(r"\w+", text))
+        told += len(found.claims)
+    assert told > 100
+
+
+def test_claims_are_read_in_the_words_and_the_frame_rate_of_the_scene(root: Path) -> None:
+    scene, _ = next(asked(root))
+    shown = scene.objects[0]
+    said = f"There is an {shown.color} thing. The {shown.name} is made of {shown.material}."
+    assert [c.holds for c in verify(said, scene).claims] == [True, True]
+    assert not verify("There is a red cube.", scene).claims
+    (counted,) = read_sentence("there are two crimson buns", 59, ALIEN, 15)
+    assert counted.objects[0].words == ("crimson", "loaf")
+    (seen,) = read_sentence("at 2 s the amber pearl enters", 59, ALIEN, 15)
+    assert (seen.events[0].frame, seen.events[0].objects[0].words) == (30, ("amber", "bead"))
+    assert written(Statement("presence", objects=(ObjectPhrase("", ("amber", "loaf"), False),), number=2), ALIEN) == (
+        "There are 2 amber loaves."
+    )

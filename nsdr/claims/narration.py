@@ -19,7 +19,7 @@ from nsdr.symbolic.modules import Kind
 from nsdr.symbolic.phrases import MOTION_FILTERS, OBJECT_FILTERS, attribute_words
 from nsdr.symbolic.program import Program, Step
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
-from nsdr.world.vocabulary import ATTRIBUTES, CLEVRER
+from nsdr.world.vocabulary import NAMES
 
 Length = Literal["short", "long"]
 EVENT_FILTERS = {"filter_in": "in", "filter_out": "out", "filter_collision": "collision"}
@@ -62,7 +62,7 @@ def reasons(answer: Answer | ChoiceAnswer, scene: Scene, length: Length = "short
     told = _Narration(scene, length)
     for one in judged:
         if one.trace:
-            told.conclude(Program.parse(one.program).steps, one.trace)
+            told.conclude(Program.parse(one.program, scene.world.vocabulary).steps, one.trace)
         elif not (isinstance(one, ChoiceAnswer) and one.error):
             raise ExecutionError("the answer has no trace; expected a result of nsdr.Executor")
     return told.sentences()
@@ -72,7 +72,7 @@ class _Narration:
     """Collects the events and statements on which the answer to one question is based."""
 
     def __init__(self, scene: Scene, length: Length) -> None:
-        self.scene, self.long = scene, length == "long"
+        self.scene, self.vocabulary, self.long = scene, scene.world.vocabulary, length == "long"
         self.events: set[Event] = set(scene.events) if self.long else set()
         self.states: list[Statement] = []
         self.conclusions: list[Statement] = []
@@ -84,17 +84,17 @@ class _Narration:
             for e in self.scene.events
             if e in self.events
         ]
-        return list(dict.fromkeys(written(s) for s in (*events, *self.states, *self.conclusions)))
+        return list(dict.fromkeys(written(s, self.vocabulary) for s in (*events, *self.states, *self.conclusions)))
 
     def name(self, index: int, without: str = "") -> ObjectPhrase:
         """The object, named by as few attributes as single it out. Color and shape come first; `without` is not used."""
-        names = [n for n in ATTRIBUTES if n != without]
+        names = [n for n in NAMES if n != without]
         subsets = [s for size in range(1, len(names) + 1) for s in combinations(names, size)]
         preferred = [s for s in subsets if {"color", "shape"} - {without} <= set(s)]
         for subset in (*preferred, *subsets):
             wanted = self._words(index, subset)
             if [self._words(i, subset) for i in range(len(self.scene.objects))].count(wanted) == 1:
-                return ObjectPhrase(f"the {CLEVRER.noun_phrase(wanted)}", wanted)
+                return ObjectPhrase(f"the {self.vocabulary.noun_phrase(wanted)}", wanted)
         return self.name(index)  # the words without one attribute are another object's, too
 
     def _words(self, index: int, names: Iterable[str]) -> tuple[str, ...]:
@@ -222,7 +222,7 @@ class _Narration:
             said = self._collected(steps, trace, source.inputs[0])
             if said and said.words:
                 self.states.append(self._motion(index, said.words[0], said.frame))
-        if attribute in ATTRIBUTES:  # claims know no speeds, directions and names
+        if attribute in NAMES:  # claims know no speeds, directions and names
             told = (self.name(index, without=attribute),)
             self.conclusions.append(Statement("attribute", objects=told, words=(step.value,), attribute=attribute))
 
@@ -233,7 +233,7 @@ class _Narration:
             return
         members = said.objects[0] if said.objects else ObjectPhrase("object", ())
         place = PLACES[trace[order.inputs[1]].value]
-        told = (replace(members, text=CLEVRER.noun_phrase(members.words), definite=True), self.name(index))
+        told = (replace(members, text=self.vocabulary.noun_phrase(members.words), definite=True), self.name(index))
         self.conclusions.append(Statement("order", objects=told, events=said.events, number=place))
 
     def _collected(self, steps: Sequence[Step], trace: Sequence[TraceStep], index: int) -> Statement | None:

@@ -7,7 +7,7 @@ condition that the grammar does not know makes the sentence unread, and never a 
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -15,8 +15,7 @@ from nsdr.claims.statements import HAPPENING, PAST_KINDS, EventPhrase, ObjectPhr
 from nsdr.language.normal import FORMS
 from nsdr.language.rules import Rules
 from nsdr.symbolic.phrases import indefinite
-from nsdr.world.physics_constants import FPS
-from nsdr.world.vocabulary import ADJECTIVES, ATTRIBUTES, CLEVRER, NOUNS
+from nsdr.world.vocabulary import Vocabulary
 
 NORMAL = {
     **FORMS,
@@ -37,15 +36,21 @@ _VALUES: dict[str, Callable[[str], Any]] = {
     "negated": bool,
 }
 """What makes the value of a field from a line's text; others are texts."""
-_ADJECTIVE = "|".join(ADJECTIVES)
 _NUMBER = r"\d{1,3}|" + "|".join(NUMBERS)
-_TOKEN = re.compile(
-    r"\b(?:the )?frames? (?:#|number )?(?P<frame>\d{1,6})\b(?! ?[-\u2013.,/] ?\d)|"
-    r"(?<![\w.,:/\u2013-])(?<!during )(?P<seconds>\d{1,4}(?:\.\d{1,4})?) ?(?:s|sec|seconds?)\b|"
-    rf"\b(?P<thing>(?:(?P<article>the|this|that|an?|{_NUMBER}) )?(?P<words>(?:(?:{_ADJECTIVE}),? )*)"
-    rf"(?P<noun>{'|'.join(NOUNS)}))\b|\b(?P<it>it)\b|"
-    rf"\b(?P<number>{_NUMBER.replace('no|', '')})(?= collisions?\b)|\b(?P<adjective>{_ADJECTIVE})\b|(?P<word>'s\b|\w+|\S)"
-)
+
+
+@cache
+def _token(vocabulary: Vocabulary) -> re.Pattern[str]:
+    adjective = "|".join(vocabulary.adjectives)
+    return re.compile(
+        r"\b(?:the )?frames? (?:#|number )?(?P<frame>\d{1,6})\b(?! ?[-\u2013.,/] ?\d)|"
+        r"(?<![\w.,:/\u2013-])(?<!during )(?P<seconds>\d{1,4}(?:\.\d{1,4})?) ?(?:s|sec|seconds?)\b|"
+        rf"\b(?P<thing>(?:(?P<article>the|this|that|an?|{_NUMBER}) )?(?P<words>(?:(?:{adjective}),? )*)"
+        rf"(?P<noun>{'|'.join(vocabulary.nouns)}))\b|\b(?P<it>it)\b|"
+        rf"\b(?P<number>{_NUMBER.replace('no|', '')})(?= collisions?\b)|\b(?P<adjective>{adjective})\b|(?P<word>'s\b|\w+|\S)"
+    )
+
+
 _ANSWER = r" ?,? (?:so|therefore|thus|hence) the answer (?:is|must be|should be) [\w, ]+$"
 _PASSED_OVER = re.compile(rf"\bexactly |\ba total of |{_ANSWER}")
 
@@ -68,14 +73,16 @@ class _Slot:
 
 
 @lru_cache(maxsize=1 << 12)
-def read_sentence(text: str, last_frame: int) -> tuple[Statement, ...]:
+def read_sentence(text: str, last_frame: int, vocabulary: Vocabulary, fps: float) -> tuple[Statement, ...]:
     """The statements of a sentence or clause; empty if any part of it is not read.
 
     Args:
         text: the sentence, without the stop at its end.
         last_frame: frame of "when the video ends".
+        vocabulary: of the words of objects.
+        fps: frames per second, for times.
     """
-    words, slots = _tokens(text)
+    words, slots = _tokens(text, vocabulary, fps)
     slots |= {
         "first": _Slot("F", "", number=0),
         "last": _Slot("F", "", number=last_frame),
@@ -83,39 +90,39 @@ def read_sentence(text: str, last_frame: int) -> tuple[Statement, ...]:
     if not GRAMMAR.words.issuperset(w for w in words if not w.isupper()):
         return ()
     for line in GRAMMAR.readings("SENTENCE", words):
-        if statements := _statements(line, slots):
+        if statements := _statements(line, slots, vocabulary):
             return statements
     return ()
 
 
-def _tokens(text: str) -> tuple[tuple[str, ...], dict[str, _Slot]]:
+def _tokens(text: str, vocabulary: Vocabulary, fps: float) -> tuple[tuple[str, ...], dict[str, _Slot]]:
     """The words of a text in normal form, with the forms of slots, and the slots by "#" and the index of their word."""
     words: list[str] = []
     slots: dict[str, _Slot] = {}
     text = re.sub(r"\s+", " ", text.lower().replace("\u2019", "'").replace("n't", " not").replace("wo not", "will not"))
     text = re.sub(r"\((?:at )?(?=(?:the )?frame [^()]*\)|[\d.]+ ?s[a-z]*\))([^()]*)\)", r"at \1", text)
-    for found in _TOKEN.finditer(_PASSED_OVER.sub("", text)):
+    for found in _token(vocabulary).finditer(_PASSED_OVER.sub("", text)):
         if word := found["word"]:
             words += NORMAL.get(word, word).split()
             continue
-        slots[f"#{len(words)}"] = slot = _slot(found)
+        slots[f"#{len(words)}"] = slot = _slot(found, vocabulary, fps)
         words.append(slot.form)
     return tuple(words), slots
 
 
-def _slot(found: re.Match[str]) -> _Slot:
+def _slot(found: re.Match[str], vocabulary: Vocabulary, fps: float) -> _Slot:
     if found["frame"]:
         return _Slot("F", found[0], number=int(found["frame"]))
     if seconds := found["seconds"]:  # rounded to 0.1 s, as people write them, they are at most one frame off
-        return _Slot("F", found[0], number=int(round(float(seconds) * FPS, 3)))
+        return _Slot("F", found[0], number=int(round(float(seconds) * fps, 3)))
     if number := found["number"]:
         return _Slot("Q" if _number(number) == 1 else "QS", number, number=_number(number))
     if word := found["adjective"]:
-        return _Slot("W", word, ObjectPhrase(word, (ADJECTIVES[word],)))
+        return _Slot("W", word, ObjectPhrase(word, (vocabulary.adjectives[word],)))
     if found["it"]:
         return _Slot("N", "it", ObjectPhrase("it", (), known=False))
-    shape, form = NOUNS[found["noun"]]
-    words = (*(ADJECTIVES[w] for w in re.findall(r"\w+", found["words"])), *((shape,) if shape else ()))
+    shape, form = vocabulary.nouns[found["noun"]]
+    words = (*(vocabulary.adjectives[w] for w in re.findall(r"\w+", found["words"])), *((shape,) if shape else ()))
     article = found["article"] or ""
     if article in NUMBERS or article.isdigit():
         number = _number(article)
@@ -128,7 +135,7 @@ def _number(word: str) -> int:
     return int(word) if word.isdigit() else NUMBERS.index(word)
 
 
-def _statements(line: tuple[str, ...], slots: dict[str, _Slot]) -> tuple[Statement, ...]:
+def _statements(line: tuple[str, ...], slots: dict[str, _Slot], vocabulary: Vocabulary) -> tuple[Statement, ...]:
     """The statements of the clauses of a line; empty if they don't fit together."""
     *shared, clauses = "\n".join(line).replace("\n|\n", "|").split("|")
     context = [token for part in shared for token in part.split("\n")]
@@ -141,14 +148,14 @@ def _statements(line: tuple[str, ...], slots: dict[str, _Slot]) -> tuple[Stateme
                 return ()
             tokens[0] = subject
         subject = tokens[0]
-        statement = _statement([*context, *tokens], slots)
+        statement = _statement([*context, *tokens], slots, vocabulary)
         if statement is None:
             return ()
         statements.append(statement)
     return tuple(statements)
 
 
-def _statement(tokens: list[str], slots: dict[str, _Slot]) -> Statement | None:
+def _statement(tokens: list[str], slots: dict[str, _Slot], vocabulary: Vocabulary) -> Statement | None:
     """The statement of a clause; None if it says something twice, or what does not go with its kind."""
     pending: list[_Slot] = []
     events: list[EventPhrase] = []
@@ -182,10 +189,10 @@ def _statement(tokens: list[str], slots: dict[str, _Slot]) -> Statement | None:
     modal, later = fields.pop("modal", False), fields.pop("later", False)
     if len(dict(said)) < len(said) or (modal and not (later or "removed" in fields)):
         return None
-    return _complete(Statement(**{"kind": "event", **fields}, events=tuple(events)), later)
+    return _complete(Statement(**{"kind": "event", **fields}, events=tuple(events)), later, vocabulary)
 
 
-def _complete(said: Statement, later: bool) -> Statement | None:
+def _complete(said: Statement, later: bool, vocabulary: Vocabulary) -> Statement | None:
     """The statement with its kind and frame in place; None if it says what does not go with its kind."""
     event = said.events[0] if said.events else None
     course = "future" if later else "counterfactual" if said.removed else ""
@@ -211,22 +218,22 @@ def _complete(said: Statement, later: bool) -> Statement | None:
     else:
         valid = not course and said.frame is None
         if said.attribute:
-            valid &= len(said.words) == 1 and said.words[0] in ATTRIBUTES[said.attribute]
+            valid &= len(said.words) == 1 and said.words[0] in vocabulary.words[said.attribute]
     return said if valid else None
 
 
 @lru_cache(maxsize=1 << 12)
-def written(statement: Statement) -> str:
-    """The sentence that tells a statement; `read_sentence` reads it back."""
+def written(statement: Statement, vocabulary: Vocabulary) -> str:
+    """The sentence that tells a statement in the words of a vocabulary; `read_sentence` reads it back."""
     slots: list[_Slot] = []
-    line = _line(statement, slots)
+    line = _line(statement, slots, vocabulary)
     words = GRAMMAR.write("SENTENCE", line, [(slot.form,) for slot in slots])
     assert words is not None, f"{statement} has no sentence"
     text = " ".join(word if isinstance(word, str) else slots[word[1]].text for word in words)
     return re.sub(r" (?=[,:'])", "", f"{text[0].upper()}{text[1:]}.")
 
 
-def _line(said: Statement, slots: list[_Slot]) -> list[str]:
+def _line(said: Statement, slots: list[_Slot], vocabulary: Vocabulary) -> list[str]:
     """The line of tokens of a statement, whose slots are appended to `slots`."""
 
     def slot(form: str, text: str) -> str:
@@ -248,7 +255,7 @@ def _line(said: Statement, slots: list[_Slot]) -> list[str]:
     line += [*at(frame, "frame"), "|"] if frame is not None else []
     many = "S" if number is not None and number > 1 else ""
     if number is not None and said.objects:
-        text = f"{number or 'no'} {CLEVRER.noun_phrase(said.objects[0].words, bool(many))}"
+        text = f"{number or 'no'} {vocabulary.noun_phrase(said.objects[0].words, bool(many))}"
         line += [slot(f"K{many}", text), "who"]
     elif said.objects:
         line += [*things(*said.objects), "who"]
@@ -257,8 +264,10 @@ def _line(said: Statement, slots: list[_Slot]) -> list[str]:
     for event in events:
         line += [*things(*event.objects), event.kind, *([] if happening else at(event.frame, "at"))]
     if kind == "attribute":
-        noun = said.words[-1] in ATTRIBUTES["shape"] and not said.attribute
-        line += [slot("A", indefinite(CLEVRER.noun_phrase(said.words)))] if noun else [slot("W", w) for w in said.words]
+        noun = said.words[-1] in vocabulary.words["shape"] and not said.attribute
+        line += (
+            [slot("A", indefinite(vocabulary.noun_phrase(said.words)))] if noun else [slot("W", w) for w in said.words]
+        )
         line.append("words")
     line += [f"kind={kind}"] if kind else []
     line += [f"words={said.words[0].replace(' ', '-')}"] if said.words and kind != "attribute" else []

@@ -99,6 +99,7 @@ def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) ->
     expect(isinstance(text, str), "verify.text", "a text", text)
     convert(tolerance_frames, Count, "verify.tolerance_frames: ")
     checker = StatementChecker(scene, tolerance_frames)
+    words, fps = scene.world.vocabulary, scene.world.timeline.fps
     claims: list[Claim] = []
     skipped: list[tuple[int, int]] = []
     said: list[Claim] = []  # by the sentence before
@@ -109,7 +110,7 @@ def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) ->
             uncertain = ""
         last_line = sentence.line
         shown = text[sentence.start : sentence.end]
-        statements = read_sentence(sentence.plain, scene.n_frames - 1) if sentence.readable else ()
+        statements = read_sentence(sentence.plain, scene.n_frames - 1, words, fps) if sentence.readable else ()
         if not statements and said and not sentence.after_gap and _DENIAL.match(shown):
             taken_back = [replace(c, holds=None, reason="the next sentence takes it back", event=None) for c in said]
             claims[-len(said) :] = taken_back

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from nsdr.symbolic.program import Step
-from nsdr.world.vocabulary import ATTRIBUTES
 
 EVENT_NOUNS = {"filter_in": "entrance", "filter_out": "exit", "filter_collision": "collision"}
 """Noun of each filter of events."""
@@ -36,13 +35,17 @@ def attribute_words(steps: Sequence[Step], index: int) -> tuple[str, ...]:
 
     Filters by the attribute of another object, which a program looks up, have no word.
     """
-    words = []
+    return tuple(word for words in _filter_words(steps, index).values() for word in words)
+
+
+def _filter_words(steps: Sequence[Step], index: int) -> dict[str, list[str]]:
+    """The words of each of `OBJECT_FILTERS`, as in `attribute_words`."""
+    words: dict[str, list[str]] = {name: [] for name in OBJECT_FILTERS}
     while steps[index].token in (*OBJECT_FILTERS, *MOTION_FILTERS, "unique"):
-        if steps[index].token in OBJECT_FILTERS:
-            words.append(steps[steps[index].inputs[1]].token)
+        if steps[index].token in OBJECT_FILTERS and (word := steps[steps[index].inputs[1]]).module is None:
+            words[steps[index].token].append(word.token)
         index = steps[index].inputs[0]
-    order = [word for values in ATTRIBUTES.values() for word in values]
-    return tuple(sorted((word for word in words if word in order), key=order.index))
+    return words
 
 
 def indefinite(noun: str) -> str:
@@ -76,7 +79,7 @@ def noun_phrase(steps: Sequence[Step], index: int) -> str:
 
 def _objects(steps: Sequence[Step], index: int) -> str:
     words = attribute_words(steps, index)
-    noun = " ".join(words) if words and words[-1] in ATTRIBUTES["shape"] else " ".join([*words, "object"])
+    noun = " ".join(words if _filter_words(steps, index)["filter_shape"] else (*words, "object"))
     motion, clause = "", ""
     while steps[index].token != "objects" and steps[index].inputs:
         step = steps[index]
