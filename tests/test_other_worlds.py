@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 from pycocotools import mask as rle
 
+import nsdr
 from nsdr import World
-from nsdr.clevrer import scene_from_annotation, scene_from_truth
-from nsdr.clevrer.files.annotations import check_truth, read_annotation, read_truth_file
+from nsdr.clevrer import scene_from_annotation, scene_from_ground_truth, scene_from_truth
+from nsdr.clevrer.files.annotations import check_truth, read_annotation, read_truth, read_truth_file
+from nsdr.clevrer.files.compact_proposals import compact_rows, read_compact_proposals
+from nsdr.clevrer.files.proposals import proposals_document, proposals_from_masks, read_proposals
+from nsdr.cli.main import main
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
@@ -20,10 +24,11 @@ from nsdr.generate.render.geometry import Solid
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
 from nsdr.generate.violations import ViolationsConfig
+from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
 from nsdr.io.worlds import world_in
 from nsdr.symbolic.quantities import Quantities
-from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, Scene, SceneObject
+from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, Scene, SceneObject, VideoProposals
 from nsdr.world.camera import Camera
 from nsdr.world.layout import Layout
 from nsdr.world.look import Lamp, Look
@@ -83,6 +88,60 @@ def test_files_of_a_data_set_say_their_world_and_are_read_in_it(folder) -> None:
     truth["objects"][0]["color"] = "red"
     with pytest.raises(DataError, match=r"objects\[0\].color: expected one of orange, white, teal, got red"):
         check_truth(truth)
+
+
+def test_proposals_and_their_files_say_their_world(folder, tmp_path) -> None:
+    path = folder / "derender_proposals/proposal_00000.json"
+    found = read_proposals(path)
+    assert found.world == DISCS
+    assert found.n_frames == 60
+    assert set(" ".join(found.words).split()) <= {*DISCS.vocabulary.attributes}
+    assert found.mask(0).sum() == found.area_px[0]
+    document = proposals_document(found, "video_00000.mp4")
+    write_json(tmp_path / "proposal_00000.json", document)
+    assert read_proposals(tmp_path / "proposal_00000.json") == found
+    assert found.world.camera.matrix.shape == (3, 4)  # which the camera keeps, and no file may have
+    nsdr.save(tmp_path / "found.json", found)
+    assert nsdr.load(tmp_path / "found.json", VideoProposals) == found
+    words = "orange", "wood", "disc"
+    with pytest.raises(DataError, match=r"frame 0: mask: expected \(192, 320\), got \(320, 480\)"):
+        proposals_from_masks(1, [(0, words, 1.0, np.ones((320, 480), bool))], world=DISCS)
+    row = next(row for frame in document["frames"] for row in frame["objects"])
+    row["color"] = "red"
+    write_json(tmp_path / "other.json", document)
+    with pytest.raises(DataError, match=r"objects\[0\].color: expected one of orange, white, teal, got red"):
+        read_proposals(tmp_path / "other.json")
+
+
+def test_compact_files_say_their_world(folder, tmp_path) -> None:
+    assert main(["data", "motion", str(folder), "--split", "train", "-o", str(tmp_path), "--workers", "1"]) == 0
+    for video, compact in read_compact_proposals(tmp_path / "proposals.npz"):
+        found = read_proposals(folder / f"derender_proposals/proposal_{video:05d}.json")
+        assert compact.world == DISCS
+        assert compact.n_frames == 60
+        np.testing.assert_array_equal(compact.attribute, found.attribute)
+        np.testing.assert_array_equal(compact.box_xyxy_px, found.box_xyxy_px)
+        np.testing.assert_allclose(compact.centroid_px, found.centroid_px, atol=0.5 / 64)
+    for video, block in read_truth(tmp_path / "truth.json.gz").items():
+        truth = scene_from_truth(read_truth_file(folder / f"truth/train/truth_{video:05d}.json"))
+        scene = scene_from_ground_truth(block, block["n_frames"])
+        assert (scene.world, scene.objects, scene.n_frames) == (DISCS, truth.objects, 60)
+
+
+def test_compact_files_hold_large_images_and_vocabularies(tmp_path) -> None:
+    colors = tuple(Color(f"{a}{b}", (40 * i, 40 * k, 0)) for i, a in enumerate("abcd") for k, b in enumerate("efghi"))
+    sizes = [(0.2 + 0.01 * i, 0.2 + 0.01 * i, 0.16) for i in range(10)]
+    shapes = tuple(replace(DISC, word=f"disc{a}", size_world=s) for a, s in zip("abcdefghij", sizes, strict=True))
+    camera = replace(DISCS.camera, width=1920, height=1080)
+    world = replace(DISCS, vocabulary=replace(DISCS.vocabulary, colors=colors, shapes=shapes), camera=camera)
+    mask = np.zeros((1080, 1920), bool)
+    mask[1000:1080, 1800:1920] = True
+    found = proposals_from_masks(1, [(0, world.vocabulary.triple(399), 1.0, mask)], world=world)
+    np.savez(tmp_path / "one.npz", **compact_rows(7, found))
+    ((_, compact),) = read_compact_proposals(tmp_path / "one.npz")
+    assert compact.world == world
+    assert compact.attribute.tolist() == [399]
+    assert compact.centroid_px.tolist() == [[1860.0, 1040.0]]
 
 
 def test_videos_have_the_worlds_size_and_rate(folder) -> None:

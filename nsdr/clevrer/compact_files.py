@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from nsdr.clevrer.dataset import CLEVRER
 from nsdr.clevrer.files.annotations import IRREGULAR_VIDEOS, check_annotation, check_truth, truth_block, write_truth
-from nsdr.clevrer.files.compact_proposals import COMPACT_ARRAYS, compact_rows
+from nsdr.clevrer.files.compact_proposals import COMPACT_ARRAYS, WORLD, compact_rows
 from nsdr.clevrer.files.proposals import ground_truth_of, parse_proposals
 from nsdr.clevrer.files.scenes import scene_from_annotation, scene_from_truth
 from nsdr.errors import DataError
@@ -18,6 +18,7 @@ from nsdr.io.files import atomic_path, locked
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.reading import parse_json, read_bytes, read_json, read_npz
+from nsdr.io.worlds import world_in
 from nsdr.validation import expect
 
 __all__ = ["write_compact_files"]
@@ -88,6 +89,8 @@ def _write_video(video: tuple[int, Path, Path | None], output: Path) -> None:
         block = _block(truth, proposals.n_frames)
     else:
         raise DataError(f"{name}: has no ground_truth, and there is no annotation_{index:05d}.json of the split")
+    same = "that of the proposals; make the data set anew, in one world"
+    expect(world_in(block) == proposals.world, f"video {index}: the world of its truth", same, world_in(block).name)
     block = {"video": index, "n_frames": proposals.n_frames, **block}
     arrays: dict[str, Any] = compact_rows(index, proposals)
     with atomic_path(output) as temporary:
@@ -109,13 +112,18 @@ def _block(path: Path, n_frames: int) -> dict[str, Any]:
 
 def _join(parts: Sequence[Path], folder: Path) -> None:
     arrays: dict[str, list[Any]] = {name: [] for name in COMPACT_ARRAYS}
-    blocks = []
+    blocks, worlds = [], {}
     for part in parts:
         content = read_npz(part)
+        worlds[str(content.get(WORLD, ""))] = part
         for name, rows in arrays.items():
             rows.append(content[name])
         blocks.append(parse_json(str(content["truth"]).encode(), str(part)))
+    same = "one and the same world in all videos; make the data set anew, in one world"
+    expect(len(worlds) == 1, str(folder), same, f"different ones in {' and '.join(map(str, worlds.values()))}")
     joined: dict[str, Any] = {name: np.concatenate(rows) for name, rows in arrays.items()}
+    if text := next(iter(worlds)):
+        joined[WORLD] = np.array(text)
     with atomic_path(folder / PROPOSALS_FILE) as temporary:
         np.savez_compressed(temporary, **joined)
     write_truth(folder / TRUTH_FILE, blocks)

@@ -16,6 +16,7 @@ from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
+from nsdr.io.worlds import world_in
 from nsdr.validation import Checked, Count, check_fields, convert, expect, shown
 from nsdr.world.world import CLEVRER_WORLD, World
 
@@ -113,7 +114,7 @@ def _encoded(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return {"dtype": str(value.dtype), "shape": list(value.shape), "values": _listed(value)}
     if isinstance(value, World):
-        return msgspec.to_builtins(value)
+        return dataclasses.asdict(value)
     if dataclasses.is_dataclass(value):
         given = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
         content = {k: _encoded(v) for k, v in given.items() if not (isinstance(v, World) and v == CLEVRER_WORLD)}
@@ -159,7 +160,7 @@ def _decoded(tree: Any, where: str) -> Any:
         size = len(content[key]) if isinstance(content.get(key), list) else content.get(key)
         if isinstance(size, int):
             check_limit(size, limit, f"{place}.{key}")
-    world = {"world": convert(content.pop("world"), World, f"{place}.world: ")} if "world" in content else {}
+    world = {"world": world_in({"world": content.pop("world")}, f"{place}.")} if "world" in content else {}
     decoded: dict[str, Any] = {key: _decoded(v, f"{where}.{key}") for key, v in content.items()} | world
     try:
         inspect.signature(kind).bind(**decoded)

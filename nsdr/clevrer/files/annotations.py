@@ -24,10 +24,10 @@ from nsdr.errors import DataError
 from nsdr.io.files import write_file, write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
-from nsdr.io.worlds import world_in
+from nsdr.io.worlds import stored_world, world_in
 from nsdr.types import Scene
 from nsdr.validation import Count, PositiveCount, convert, expect
-from nsdr.world.physics_constants import VIDEO_FRAMES
+from nsdr.world.world import World
 
 __all__ = [
     "IRREGULAR_VIDEOS",
@@ -207,22 +207,24 @@ def _check_collisions(rows: Sequence[_Collision], n_objects: int, place: str, n_
         check_frame(collision["frame_id"], f"{place}[{c}].frame_id", n_frames)
 
 
-def check_ground_truth(block: Any, where: str = "ground_truth", n_frames: int = VIDEO_FRAMES) -> None:
+def check_ground_truth(block: Any, where: str = "ground_truth", n_frames: int | None = None) -> None:
     """Check a `ground_truth` block.
 
     Args:
         block: the block.
         where: its location in the file, for error messages.
-        n_frames: number of frames of the video.
+        n_frames: number of frames of the video; None for those of its world's videos.
 
     Raises:
         DataError: names the location in the file and what was expected there.
     """
-    _check_block(convert(block, _Block, f"{where}: "), where, n_frames)
+    content: _Block = convert(block, _Block, f"{where}: ")
+    world = world_in(block, f"{where}.")
+    _check_block(content, where, n_frames or world.timeline.frames, world)
 
 
-def _check_block(content: _Block, where: str, n_frames: int) -> None:
-    check_objects(content["objects"], "id", f"{where}.objects")
+def _check_block(content: _Block, where: str, n_frames: int, world: World) -> None:
+    check_objects(content["objects"], "id", f"{where}.objects", world.vocabulary)
     n, in_outs, collisions = len(content["objects"]), content["in_outs"], content["collisions"]
     check_limit(len(in_outs) + len(collisions), "events", where)
     for i, change in enumerate(in_outs):
@@ -238,7 +240,8 @@ def read_truth(path: str | Path) -> dict[int, dict[str, Any]]:
     """Read and check ground-truth blocks of many videos from a JSON list, plain or gzipped.
 
     Returns:
-        Blocks by video index, each with `n_frames`, `objects`, `in_outs` and `collisions` (see `scene_from_ground_truth`).
+        Blocks by video index, each with `n_frames`, `objects`, `in_outs` and `collisions` (see `scene_from_ground_truth`), and
+        `world` if it is another than CLEVRER's.
 
     Raises:
         DataError: names the file, the location in the file and what was expected there.
@@ -252,9 +255,10 @@ def check_truth_blocks(rows: Any, name: str) -> dict[int, dict[str, Any]]:
         raise DataError(f"{name}: not a file of ground-truth blocks; expected a list of at least one block")
     check_limit(len(rows), "videos", name)
     for i, block in enumerate(convert(rows, list[_VideoBlock], f"{name}: ")):
-        check_limit(block["n_frames"], "frames", f"{name}: [{i}].n_frames")
-        n_frames = max(block["n_frames"], VIDEO_FRAMES) if block["video"] in IRREGULAR_VIDEOS else block["n_frames"]
-        _check_block(block, f"{name}: [{i}]", n_frames)
+        n_frames, world = block["n_frames"], world_in(rows[i], f"{name}: [{i}].")
+        check_limit(n_frames, "frames", f"{name}: [{i}].n_frames")
+        last = max(n_frames, world.timeline.frames) if block["video"] in IRREGULAR_VIDEOS else n_frames
+        _check_block(block, f"{name}: [{i}]", last, world)
     check_unique([block["video"] for block in rows], f"{name}: ", ".video")
     return {block["video"]: block for block in rows}
 
@@ -273,4 +277,4 @@ def truth_block(scene: Scene) -> dict[str, Any]:
             {"type": e.kind, "object": e.objects[0], "frame": e.frame} for e in scene.events if e.kind in ("in", "out")
         ],
         "collisions": [{"type": "collision", "object": list(e.objects), "frame": e.frame} for e in collisions],
-    }
+    } | stored_world(scene.world)

@@ -1,5 +1,6 @@
-"""Compact NPZ files: the mask proposals of many videos in numbers, without the masks."""
+"""Compact NPZ files: the mask proposals of many videos of one world in numbers, without the masks."""
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -13,41 +14,47 @@ from nsdr.clevrer.files.masks import PIXEL_CENTRE_PX
 from nsdr.clevrer.files.schema import LARGEST_ID
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
-from nsdr.io.reading import read_npz
+from nsdr.io.reading import parse_json, read_npz
+from nsdr.io.worlds import stored_world, world_in
 from nsdr.types import VideoProposals
 from nsdr.validation import Array, IntArray, Settings, expect
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.physics_constants import VIDEO_FRAMES
-from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES
+from nsdr.world.world import World
 
 __all__ = ["compact_rows", "read_compact_proposals"]
 
-COMPACT_SCORE_STEPS = 255.0
+WORLD = "world"
+"""Name of the JSON text in a compact file that says its world; without it, the file is of CLEVRER's."""
+COMPACT_SCORE_STEPS = 255
 """Steps per unit of score in compact files, which store scores as bytes."""
-COMPACT_CENTROID_STEPS_PER_PX = 64.0
+COMPACT_CENTROID_STEPS_PER_PX = 64
 """Steps per pixel of centroids in compact files."""
 
 
 @dataclass(frozen=True)
 class _Compact(Settings):
-    """The arrays of a compact file."""
+    """The arrays of a compact file, and the world of its videos."""
 
     video: Annotated[IntArray, Array("n", low=0, high=LARGEST_ID)]
     frame: Annotated[IntArray, Array("n", low=0)]
-    attr: Annotated[IntArray, Array("n", low=0, high=N_ATTRIBUTE_TRIPLES - 1)]
-    score: Annotated[IntArray, Array("n", low=0, high=COMPACT_SCORE_STEPS)]
-    cx64: Annotated[IntArray, Array("n", low=0, high=WIDTH_PX * COMPACT_CENTROID_STEPS_PER_PX)]
-    cy64: Annotated[IntArray, Array("n", low=0, high=HEIGHT_PX * COMPACT_CENTROID_STEPS_PER_PX)]
-    area: Annotated[IntArray, Array("n", low=1, high=HEIGHT_PX * WIDTH_PX)]
-    box: Annotated[IntArray, Array("n", 4, low=0, high=WIDTH_PX)]
+    attr: Annotated[IntArray, Array("n", low=0)]
+    score: Annotated[IntArray, Array("n", low=0)]
+    cx64: Annotated[IntArray, Array("n", low=0)]
+    cy64: Annotated[IntArray, Array("n", low=0)]
+    area: Annotated[IntArray, Array("n", low=1)]
+    box: Annotated[IntArray, Array("n", 4, low=0)]
+    world: World
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for name, most in _largest(self.world).items():
+            highest = int(getattr(self, name).max())
+            expect(highest <= most, name, f"up to {most}", highest)
         check_limit(int(self.frame.max()) + 1, "frames", "frame")
         left, top, right, bottom = self.box.T
-        fits = (left < right) & (top < bottom) & (bottom <= HEIGHT_PX)
+        width, height = self.world.camera.width, self.world.camera.height
+        fits = (left < right) & (top < bottom) & (right <= width) & (bottom <= height)
         row = int(fits.argmin())
-        expected = f"left < right, top < bottom, bottom up to {HEIGHT_PX}"
+        expected = f"left < right, top < bottom, right up to {width}, bottom up to {height}"
         expect(bool(fits.all()), f"box: row {row}", expected, self.box[row].tolist())
         place = self.video.astype(np.int64) * limits().frames + self.frame
         ascending = np.diff(place, prepend=0) >= 0
@@ -58,8 +65,15 @@ class _Compact(Settings):
         check_limit(int(per_frame.max()), "frame_objects", "detections in a frame")
 
 
-COMPACT_ARRAYS = tuple(field.name for field in fields(_Compact))
-"""Arrays of a compact file."""
+COMPACT_ARRAYS = tuple(field.name for field in fields(_Compact) if field.name != WORLD)
+"""Arrays of a compact file with one row per detection."""
+
+
+def _largest(world: World) -> dict[str, int]:
+    """The largest values of arrays, which are stored in the smallest type that holds them."""
+    width, height, steps = world.camera.width, world.camera.height, COMPACT_CENTROID_STEPS_PER_PX
+    pixels = {"cx64": width * steps, "cy64": height * steps, "area": width * height, "box": max(width, height)}
+    return {"attr": world.vocabulary.n_triples - 1, "score": COMPACT_SCORE_STEPS, **pixels}
 
 
 def compact_rows(video: int, proposals: VideoProposals) -> dict[str, NDArray[Any]]:
@@ -70,18 +84,23 @@ def compact_rows(video: int, proposals: VideoProposals) -> dict[str, NDArray[Any
         proposals: its N detections.
 
     Returns:
-        The `COMPACT_ARRAYS` by name: (N,) integers, `box` (N, 4).
+        The `COMPACT_ARRAYS` by name: (N,) integers, `box` (N, 4); and `world`, a JSON text, if it is another than CLEVRER's.
     """
     centroid = np.rint((proposals.centroid_px - PIXEL_CENTRE_PX) * COMPACT_CENTROID_STEPS_PER_PX)
+    values = {
+        "attr": proposals.attribute,
+        "score": np.rint(proposals.score * COMPACT_SCORE_STEPS),
+        "cx64": centroid[:, 0],
+        "cy64": centroid[:, 1],
+        "area": proposals.area_px,
+        "box": proposals.box_xyxy_px,
+    }
+    stored = stored_world(proposals.world)
     return {
         "video": np.full(len(proposals), video, np.uint32),
         "frame": proposals.frame_index.astype(np.uint16),
-        "attr": proposals.attribute.astype(np.uint8),
-        "score": np.rint(proposals.score * COMPACT_SCORE_STEPS).astype(np.uint8),
-        "cx64": centroid[:, 0].astype(np.uint16),
-        "cy64": centroid[:, 1].astype(np.uint16),
-        "area": proposals.area_px.astype(np.uint32),
-        "box": proposals.box_xyxy_px.astype(np.uint16),
+        **{name: values[name].astype(np.min_scalar_type(most)) for name, most in _largest(proposals.world).items()},
+        **({WORLD: np.array(json.dumps(stored))} if stored else {}),
     }
 
 
@@ -91,11 +110,13 @@ def read_compact_proposals(
     """Read a compact NPZ file: proposals of many videos without masks, one row per detection.
 
     Arrays: `video`, `frame`, `attr` (attribute index), `score` (0-255), `cx64` and `cy64` (mean pixel index in 1/64 px),
-    `area`, and `box` (left, top, right, bottom); rows are sorted by video and frame.
+    `area`, and `box` (left, top, right, bottom); rows are sorted by video and frame. `world` is a JSON text if the videos are
+    of another world than CLEVRER's.
 
     Args:
         path: the NPZ file.
-        n_frames: number of frames by video index; others have 128, or more if rows show more.
+        n_frames: number of frames by video index; others have as many as their world's videos, in CLEVRER 128, or more if rows
+            show more.
 
     Yields:
         (video index, proposals without masks).
@@ -109,7 +130,7 @@ def read_compact_proposals(
         rows = slice(int(start), int(stop))
         video = int(a.video[start])
         frame = a.frame[rows].astype(np.int64)
-        shown_frames = max(VIDEO_FRAMES, int(frame[-1]) + 1)
+        shown_frames = max(a.world.timeline.frames, int(frame[-1]) + 1)
         length = (n_frames or {}).get(video, shown_frames)
         if int(frame[-1]) >= length:
             # The rows of an irregular video go beyond the frames that its truth counts.
@@ -128,6 +149,7 @@ def read_compact_proposals(
                 np.stack([a.cx64[rows], a.cy64[rows]], 1) / COMPACT_CENTROID_STEPS_PER_PX + PIXEL_CENTRE_PX,
                 a.area[rows].astype(np.int64),
                 a.box[rows].astype(np.int64),
+                world=a.world,
             ),
         )
 
@@ -138,7 +160,9 @@ def _compact_arrays(path: str | Path) -> _Compact:
     if missing:
         raise DataError(f"{path}: not a compact proposal file: it has no {', '.join(missing)}")
     expect(stored["video"].size > 0, str(path), "at least 1 row", "none")
+    text = str(stored.get(WORLD, "{}"))
+    world = world_in(parse_json(text.encode(), f"{path}: {WORLD}", dict[str, Any]), f"{path}: ")
     try:
-        return _Compact(**{name: stored[name] for name in COMPACT_ARRAYS})
+        return _Compact(**{name: stored[name] for name in COMPACT_ARRAYS}, world=world)
     except DataError as e:
         raise DataError(f"{path}: {e}") from e

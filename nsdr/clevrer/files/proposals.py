@@ -1,4 +1,6 @@
-"""CLEVRER's mask proposals: official JSON files (plain or gzipped), and the proposals of many videos from anywhere."""
+"""Mask proposals: JSON files as CLEVRER's (plain or gzipped), and the proposals of many videos from anywhere.
+
+Files of another world say so under the key `world`."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -18,20 +20,10 @@ from nsdr.errors import DataError
 from nsdr.io.files import by_number, find_files
 from nsdr.io.limits import check_limit, limits
 from nsdr.io.reading import parse_json, read_bytes, read_json
+from nsdr.io.worlds import stored_world, world_in
 from nsdr.types import VideoProposals
 from nsdr.validation import FloatArray, IntArray, Share, convert, expect
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.physics_constants import VIDEO_FRAMES
-from nsdr.world.vocabulary import (
-    COLORS,
-    MATERIALS,
-    SHAPES,
-    ColorWord,
-    MaterialWord,
-    ShapeWord,
-    attribute_index,
-    attributes_of,
-)
+from nsdr.world.vocabulary import Word
 from nsdr.world.world import CLEVRER_WORLD, World
 
 __all__ = [
@@ -58,9 +50,9 @@ class _Mask(msgspec.Struct):
 
 class _Row(msgspec.Struct):
     mask: _Mask
-    color: ColorWord
-    material: MaterialWord
-    shape: ShapeWord
+    color: Word
+    material: Word
+    shape: Word
     score: Share
 
 
@@ -73,8 +65,11 @@ class _File(msgspec.Struct):
     frames: list[_Frame]
     n_frames: int | None = None
     notes: list[str] = []
+    world: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
+        world = self.of_world()
+        words, image = world.vocabulary.words, [world.camera.height, world.camera.width]
         expect(len(self.frames) > 0, "frames", "at least 1", "none")
         first = self.frames[0].frame_index
         expect(first == 0, "frames[0].frame_index", "0, as frames are numbered from 0", first)
@@ -86,12 +81,17 @@ class _File(msgspec.Struct):
             before = frame.frame_index
             check_limit(len(frame.objects), "frame_objects", f"{place}.objects")
             for i, row in enumerate(frame.objects):
-                size = row.mask.size
-                expect(
-                    size == [HEIGHT_PX, WIDTH_PX], f"{place}.objects[{i}].mask.size", f"[{HEIGHT_PX}, {WIDTH_PX}]", size
-                )
+                found = f"{place}.objects[{i}]"
+                expect(row.mask.size == image, f"{found}.mask.size", f"{image}", row.mask.size)
+                for kind, known in words.items():
+                    word = getattr(row, kind)
+                    expect(word in known, f"{found}.{kind}", f"one of {', '.join(known)}", word)
         n, most = self.n_frames, limits().frames
         expect(n is None or before < n <= most, "n_frames", f"{before + 1} to {most}", n)
+
+    def of_world(self) -> World:
+        """The world that the video is of."""
+        return world_in({"world": self.world})
 
 
 class _FileWithTruth(_File, kw_only=True):
@@ -100,7 +100,7 @@ class _FileWithTruth(_File, kw_only=True):
 
 
 def read_proposals(path: str | Path) -> VideoProposals:
-    """Read CLEVRER's `proposal_N.json` or the released code's `sim_N.json`, plain or gzipped.
+    """Read a `proposal_N.json` as CLEVRER's, or the released code's `sim_N.json`, plain or gzipped.
 
     Raises:
         DataError: not a proposal file; names the file, the location in the file and what was expected there.
@@ -111,13 +111,15 @@ def read_proposals(path: str | Path) -> VideoProposals:
 def parse_proposals(data: bytes, name: str) -> VideoProposals:
     """As `read_proposals`, from the bytes of a file with that name."""
     content: _File = parse_json(data, name, _File)
+    world = content.of_world()
+    index = world.vocabulary.index
     rows, places = [], []
     for f, frame in enumerate(content.frames):
         for i, o in enumerate(frame.objects):
-            rows.append((frame.frame_index, attribute_index(o.color, o.material, o.shape), o.score, o.mask.counts))
+            rows.append((frame.frame_index, index(o.color, o.material, o.shape), o.score, o.mask.counts))
             places.append(f"{name}: frames[{f}].objects[{i}].mask")
     indices = [frame.frame_index for frame in content.frames]
-    found = proposals_from_rows(content.n_frames or indices[-1] + 1, rows, indices, places)
+    found = proposals_from_rows(content.n_frames or indices[-1] + 1, rows, indices, places, world)
     return replace(found, notes=tuple(content.notes))
 
 
@@ -145,11 +147,12 @@ def ground_truth_of(content: Any, name: str) -> dict[str, Any]:
         DataError: there is no such block, or it is malformed; names `name` and the location in the file.
     """
     file: _FileWithTruth = convert(content, _FileWithTruth, f"{name}: ")
-    n_frames = file.frames[-1].frame_index + 1
+    n_frames, world = file.frames[-1].frame_index + 1, file.of_world()
     # Events of irregular videos may lie behind the frames that the file has.
-    last = max(n_frames, VIDEO_FRAMES) if file.video_index in IRREGULAR_VIDEOS else n_frames
-    check_ground_truth(file.ground_truth, f"{name}: ground_truth", last)
-    return file.ground_truth
+    last = max(n_frames, world.timeline.frames) if file.video_index in IRREGULAR_VIDEOS else n_frames
+    block = file.ground_truth | stored_world(world)
+    check_ground_truth(block, f"{name}: ground_truth", last)
+    return block
 
 
 def proposals_from_rows(
@@ -157,6 +160,7 @@ def proposals_from_rows(
     rows: Sequence[tuple[int, int, float, str]],
     processed: Sequence[int] | None = None,
     places: Sequence[str] | None = None,
+    world: World = CLEVRER_WORLD,
 ) -> VideoProposals:
     """Make proposals from rows; rows with empty masks are dropped.
 
@@ -165,13 +169,15 @@ def proposals_from_rows(
         rows: (frame, attribute index, score, COCO run-length string), in any order.
         processed: ascending frames that were processed; None for all.
         places: where the masks of the rows are from, for error messages; None names frames and rows.
+        world: the world that the video is of.
 
     Raises:
         DataError: a mask that is damaged or of another size.
     """
     order = sorted(range(len(rows)), key=lambda i: rows[i][0])
     found = [places[i] if places else f"frame {rows[i][0]}, row {i}: mask" for i in order]
-    lengths = [runs_of_mask(rows[i][3], HEIGHT_PX, WIDTH_PX, place) for i, place in zip(order, found, strict=True)]
+    size = world.camera.height, world.camera.width
+    lengths = [runs_of_mask(rows[i][3], *size, place) for i, place in zip(order, found, strict=True)]
     frame, attribute, score, masks = zip(*(rows[i] for i in order), strict=True) if rows else ((),) * 4
     return proposals_from_runs(
         n_frames,
@@ -181,6 +187,7 @@ def proposals_from_rows(
         masks,
         object_runs(lengths),
         processed,
+        world,
     )
 
 
@@ -191,8 +198,8 @@ def proposals_from_runs(
     score: FloatArray,
     masks: Sequence[str],
     runs: ObjectRuns,
-    processed: Sequence[int] | None = None,
-    world: World = CLEVRER_WORLD,
+    processed: Sequence[int] | None,
+    world: World,
 ) -> VideoProposals:
     """Make proposals from N masks and their runs; those with empty masks are dropped.
 
@@ -207,7 +214,7 @@ def proposals_from_runs(
         world: the world that the video is of.
     """
     seen = np.unique(runs.mask)
-    numbers = numbers_of_runs(runs._replace(mask=np.searchsorted(seen, runs.mask)), HEIGHT_PX)
+    numbers = numbers_of_runs(runs._replace(mask=np.searchsorted(seen, runs.mask)), world.camera.height)
     return VideoProposals(
         n_frames,
         frame_index[seen],
@@ -224,24 +231,27 @@ def proposals_from_masks(
     n_frames: int,
     detections: Iterable[tuple[int, tuple[str, str, str], float, NDArray[Any]]],
     processed: Sequence[int] | None = None,
+    world: World = CLEVRER_WORLD,
 ) -> VideoProposals:
     """Make proposals from the masks that a detector found; empty ones are dropped.
 
     Args:
         n_frames: number of frames of the video.
-        detections: (frame, (color, material, shape), score in 0-1, mask), in any order. A mask is (320, 480), true where the
-            object is, or the probability that it is there, of which one half or more counts.
+        detections: (frame, (color, material, shape), score in 0-1, mask), in any order. A mask is (height, width) of the
+            world's images, such as CLEVRER's (320, 480), true where the object is, or the probability that it is there, of
+            which one half or more counts.
         processed: ascending frames that were processed; None for all.
+        world: the world that the video is of.
 
     Raises:
-        DataError: a mask of another size or with numbers that are no probabilities, words that no object of CLEVRER has, or a
-            value out of its range.
+        DataError: a mask of another size or with numbers that are no probabilities, words that no object of the world has, or
+            a value out of its range.
     """
-    rows = []
+    rows, size = [], (world.camera.height, world.camera.width)
     for frame, words, score, mask in detections:
-        for word, known in zip(words, (COLORS, MATERIALS, SHAPES), strict=True):
+        for word, known in zip(words, world.vocabulary.words.values(), strict=True):
             expect(word in known, f"frame {frame}: words", f"one of {', '.join(known)}", word)
-        expect(mask.shape == (HEIGHT_PX, WIDTH_PX), f"frame {frame}: mask", f"({HEIGHT_PX}, {WIDTH_PX})", mask.shape)
+        expect(mask.shape == size, f"frame {frame}: mask", f"{size}", mask.shape)
         if mask.dtype.kind == "f":
             expected = "true or false, or probabilities from 0 to 1"
             expect(
@@ -251,15 +261,16 @@ def proposals_from_masks(
                 "other numbers, such as logits",
             )
         counts = rle.encode(np.asfortranarray(mask >= MASK_PROBABILITY, np.uint8))["counts"].decode()
-        rows.append((frame, attribute_index(*words), score, counts))
-    return proposals_from_rows(n_frames, rows, processed)
+        rows.append((frame, world.vocabulary.index(*words), score, counts))
+    return proposals_from_rows(n_frames, rows, processed, world=world)
 
 
 def proposals_document(proposals: VideoProposals, video_filename: str) -> dict[str, Any]:
-    """The official JSON document of a video's proposals; inverse of `read_proposals`.
+    """The JSON document of a video's proposals, in CLEVRER's format; inverse of `read_proposals`.
 
     The digits of the file's name are the video's index. The document lists the processed frames. Where the last frame is not
-    one of them, `n_frames` is added to the official keys, and where the proposals have notes, `notes`.
+    one of them, `n_frames` is added to the official keys, where the proposals have notes, `notes`, and `world` where they are
+    of another world than CLEVRER's.
 
     Raises:
         DataError: the proposals have no masks.
@@ -267,14 +278,15 @@ def proposals_document(proposals: VideoProposals, video_filename: str) -> dict[s
     if proposals.masks is None:
         raise DataError("the proposals have no masks, which the official format needs")
     video_index = int("".join(filter(str.isdecimal, Path(video_filename).stem)) or 0)
+    world = proposals.world
     indices = range(proposals.n_frames) if proposals.processed is None else proposals.processed.tolist()
     frames: dict[int, dict[str, Any]] = {f: {"frame_index": f, "objects": []} for f in indices}
     for i, mask in enumerate(proposals.masks):
         frame = int(proposals.frame_index[i])
-        color, material, shape = attributes_of(int(proposals.attribute[i]))
+        color, material, shape = world.vocabulary.triple(int(proposals.attribute[i]))
         frames[frame]["objects"].append(
             {
-                "mask": {"size": [HEIGHT_PX, WIDTH_PX], "counts": mask},
+                "mask": {"size": [world.camera.height, world.camera.width], "counts": mask},
                 "color": color,
                 "material": material,
                 "shape": shape,
@@ -285,7 +297,7 @@ def proposals_document(proposals: VideoProposals, video_filename: str) -> dict[s
         )
     document = {"video_index": video_index, "video_filename": video_filename, "frames": list(frames.values())}
     document |= {} if proposals.n_frames - 1 in frames else {"n_frames": proposals.n_frames}
-    return document | ({"notes": list(proposals.notes)} if proposals.notes else {})
+    return document | ({"notes": list(proposals.notes)} if proposals.notes else {}) | stored_world(world)
 
 
 def find_proposals(source: str | Path) -> dict[str, tuple[str, Path | VideoProposals]]:

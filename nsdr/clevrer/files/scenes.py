@@ -14,7 +14,6 @@ from nsdr.io.reading import read_json
 from nsdr.io.worlds import world_in
 from nsdr.types import Event, ObjectPhysics, Scene, SceneObject
 from nsdr.types.events import collisions_in_view, enter_exit_events
-from nsdr.world.physics_constants import VIDEO_FRAMES
 
 __all__ = [
     "iterate_scenes",
@@ -77,24 +76,24 @@ def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> S
     )
 
 
-def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = VIDEO_FRAMES) -> Scene:
+def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int | None = None) -> Scene:
     """The scene of a `ground_truth` block, with observed events; motion is not known.
 
     Args:
         block: `objects`, `in_outs` and `collisions`, from `read_ground_truth` or `read_truth`.
-        n_frames: number of frames of the video. The scene has more where events come later, as in CLEVRER's irregular
-            videos (`nsdr.clevrer.IRREGULAR_VIDEOS`).
+        n_frames: number of frames of the video; None for those of its world's videos. The scene has more where events come
+            later, as in CLEVRER's irregular videos (`nsdr.clevrer.IRREGULAR_VIDEOS`).
 
     Raises:
         DataError: a missing key or unknown attribute word.
     """
     try:
-        objects = _objects(block["objects"], "id")
+        objects, world = _objects(block["objects"], "id"), world_in(block)
         events = [Event(e["type"], e["frame"], (e["object"],)) for e in block["in_outs"]]
         events += [Event("collision", e["frame"], tuple(sorted(e["object"]))) for e in block["collisions"]]
     except (KeyError, TypeError, IndexError) as e:
         raise DataError(f"not a ground-truth block: {e!r}") from e
-    n_frames = max([n_frames, *(e.frame + 1 for e in events)])
+    n_frames = max([n_frames or world.timeline.frames, *(e.frame + 1 for e in events)])
     visible = np.ones((len(objects), n_frames), bool)
     for i in range(len(objects)):
         changes = sorted((e for e in events if e.kind != "collision" and e.objects == (i,)), key=lambda e: e.frame)
@@ -102,7 +101,7 @@ def scene_from_ground_truth(block: Mapping[str, Any], n_frames: int = VIDEO_FRAM
             visible[i, : changes[0].frame] = changes[0].kind == "out"
         for event in changes:
             visible[i, event.frame :] = event.kind == "in"
-    return Scene(objects, n_frames, visible, None, tuple(events))
+    return Scene(objects, n_frames, visible, None, tuple(events), world=world)
 
 
 def _objects(rows: Sequence[Mapping[str, Any]], key: str) -> tuple[SceneObject, ...]:

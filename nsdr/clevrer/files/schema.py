@@ -8,7 +8,7 @@ from msgspec import Meta
 from nsdr.errors import DataError
 from nsdr.io.limits import check_limit, limits
 from nsdr.validation import Count, expect
-from nsdr.world.vocabulary import CLEVRER, Vocabulary, Word
+from nsdr.world.vocabulary import Vocabulary, Word
 
 __all__ = [
     "LARGEST_COORDINATE",
@@ -52,7 +52,7 @@ class Words(TypedDict):
     shape: Word
 
 
-def check_objects(rows: Sequence[Any], key: str, place: str, vocabulary: Vocabulary = CLEVRER) -> None:
+def check_objects(rows: Sequence[Any], key: str, place: str, vocabulary: Vocabulary) -> None:
     """Ids under `key` are 0, 1, ..., words are those of a vocabulary, and attribute triples are unique.
 
     Raises:

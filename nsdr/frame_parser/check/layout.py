@@ -60,7 +60,7 @@ def _bar(image: FloatArray) -> int:
 
 
 def _middle_of(reference: FloatArray, share: float) -> FloatArray:
-    """The largest part of a reference (32, 48, 3) around its middle, as (32, 48, 3); its aspect is this share of the whole's."""
+    """The largest part of a reference (32, 48, 3) around its middle with this share of its aspect, as (32, 48, 3)."""
     columns, rows = CELL_COLUMNS * min(share, 1.0), CELL_ROWS * min(1 / share, 1.0)
     fine = np.repeat(np.repeat(reference, FINE, 0), FINE, 1)
     left, top = round(FINE * (CELL_COLUMNS - columns) / 2), round(FINE * (CELL_ROWS - rows) / 2)
