@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.dynamics.base import Dynamics, Explanation
-from nsdr.dynamics.interventions import check_added
+from nsdr.dynamics.interventions import check_changes
 from nsdr.dynamics.motion_states import VideoPixels, states_from_tracks
 from nsdr.dynamics.registry import BackendConfig, backend_settings
 from nsdr.dynamics.scene import collisions_of, scene_from_prediction
@@ -296,7 +296,7 @@ class Pipeline:
             DataError: no or several objects fit the words, an intervention is impossible (says why with the numbers), or the
                 backend does not simulate: networks only remove one object from frame 0.
         """
-        check_added(interventions, self.world.vocabulary)
+        check_changes(interventions, self.world)
         if isinstance(video, Perception):
             seen = video
         else:

@@ -188,7 +188,7 @@ def test_given_velocities_are_exact() -> None:
         (SetVelocity(0, factor=0.5), False),
         (SetVelocity(0, speed=1), False),
     ):
-        changes = resolve([change], OBJECTS, np.ones((3, 5), bool), 0, CLEVRER_WORLD.vocabulary)
+        changes = resolve([change], OBJECTS, np.ones((3, 5), bool), 0, CLEVRER_WORLD)
         assert change_bodies(start, OBJECTS, changes, CLEVRER_WORLD).exact[:, VELOCITY].all(1).tolist() == [
             exact,
             False,
@@ -297,6 +297,11 @@ def test_simulations_and_rollouts_are_printed_in_words(simulated) -> None:
             20,
             r"Move .*position on the ground, from -14.8 to 14.8, got",
         ),
+        ([Move(0, dx=99.0, dy=0.0)], 0, "expected dx and dy of up to 29.6"),
+        ([Move(0, x=15, y=0)], 0, "on the ground"),
+        ([Add("gray", "metal", "cube", 0, 15)], 0, "on the ground"),
+        ([SetVelocity(0, vx=4, vy=4)], 0, "speed of up to 5"),
+        ([SetVelocity(0, speed=6)], 0, "speed of up to 5"),
         ([SetVelocity(1, speed=1.0)], 0, "it is at rest"),
         ([SetVelocity(0, factor=3)], 0, "speed of up to 5 world units per second, got 7"),
     ],
@@ -308,7 +313,7 @@ def test_impossible_interventions_are_refused(simulated, changes: list[Any], fro
 
 def test_one_intervention_without_a_list_is_refused(simulated) -> None:
     with pytest.raises(DataError, match=r"interventions: expected a list, such as .*, got Remove\(object=0\)"):
-        resolve(Remove(0), OBJECTS, np.ones((3, 60), bool), 0, CLEVRER_WORLD.vocabulary)  # type: ignore[arg-type]
+        resolve(Remove(0), OBJECTS, np.ones((3, 60), bool), 0, CLEVRER_WORLD)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -317,15 +322,12 @@ def test_one_intervention_without_a_list_is_refused(simulated) -> None:
         (lambda: SetMass(0, 0), "SetMass: .*factor"),
         (lambda: SetMass(0, float("nan")), "SetMass: .*factor"),
         (lambda: SetMass(0, None), "SetMass: .*factor"),
-        (lambda: Move(0, dx=99.0, dy=0.0), "expected dx and dy of up to"),
         (lambda: find_object(OBJECTS, True), "object True: expected an id"),
         (lambda: SetVelocity(0), "expected vx and vy, or speed"),
         (lambda: SetVelocity(0, vx=1.0), "got vx"),
         (lambda: SetVelocity(0, vx=1.0, vy=0.0, factor=2), "got vx, vy, factor"),
         (lambda: SetVelocity(0, speed=-1), "speed"),
-        (lambda: SetVelocity(0, vx=4, vy=4), "speed of up to 5"),
         (lambda: Move(0, x=1.0), "expected x and y, or dx and dy, got x"),
-        (lambda: Move(0, x=15, y=0), "on the ground"),
         (lambda: Add("red", "Wood!", "cube", 0, 0), "Add: material: "),
         (lambda: Add("red", "metal", "cube", "1", 0), "Add: x: "),
         (lambda: Add("red", "metal", "cube", 0, 0, mass=0), "Add: .*mass"),
@@ -345,24 +347,24 @@ def test_words_of_added_objects_are_checked_before_the_video_is_looked_at() -> N
 def test_added_objects_have_words_of_the_world() -> None:
     added = [Add("red", "wood", "cube", 0, 0)]
     with pytest.raises(DataError, match="Add red wood cube: material: expected one of metal, rubber, got 'wood'"):
-        resolve(added, OBJECTS, np.ones((3, 5), bool), 0, CLEVRER_WORLD.vocabulary)
+        resolve(added, OBJECTS, np.ones((3, 5), bool), 0, CLEVRER_WORLD)
 
 
 def test_objects_that_are_not_in_the_image_yet_or_any_more() -> None:
     visible = np.ones((3, 20), bool)
     visible[0, :5] = visible[1, 12:] = visible[2] = False
-    assert resolve([Remove(0), SetMass(1, 2)], OBJECTS, visible, 0, CLEVRER_WORLD.vocabulary) == (
+    assert resolve([Remove(0), SetMass(1, 2)], OBJECTS, visible, 0, CLEVRER_WORLD) == (
         Remove(0),
         SetMass(1, 2),
     )
     with pytest.raises(
         DataError, match="SetVelocity red metal sphere: it is not in the image at frame 2, it enters at frame 5"
     ):
-        resolve([SetVelocity(0, speed=1)], OBJECTS, visible, 2, CLEVRER_WORLD.vocabulary)
+        resolve([SetVelocity(0, speed=1)], OBJECTS, visible, 2, CLEVRER_WORLD)
     with pytest.raises(DataError, match="it leaves after frame 11; expected a from_frame from 0 to 11"):
-        resolve([Remove(1)], OBJECTS, visible, 12, CLEVRER_WORLD.vocabulary)
+        resolve([Remove(1)], OBJECTS, visible, 12, CLEVRER_WORLD)
     with pytest.raises(DataError, match="Freeze red rubber cube: it is never in the image"):
-        resolve([Freeze(2)], OBJECTS, visible, 0, CLEVRER_WORLD.vocabulary)
+        resolve([Freeze(2)], OBJECTS, visible, 0, CLEVRER_WORLD)
 
 
 def test_words_name_objects() -> None:
@@ -457,7 +459,7 @@ def test_options_name_interventions() -> None:
             "red metal cube=1,0,-2,0.5",
         ),
     )
-    assert command._interventions(given, CLEVRER_WORLD.vocabulary) == [
+    assert command._interventions(given, CLEVRER_WORLD) == [
         Remove("red cube"),
         SetMass("blue sphere", 2),
         SetVelocity(3, vx=1.5, vy=0),
@@ -493,7 +495,7 @@ def test_options_name_interventions() -> None:
 )
 def test_options_that_are_no_intervention_are_refused(arguments: list[str], message: str) -> None:
     with pytest.raises(DataError, match=message):
-        command._interventions(options(*arguments), CLEVRER_WORLD.vocabulary)
+        command._interventions(options(*arguments), CLEVRER_WORLD)
 
 
 def test_frames_after_the_end_are_refused_before_the_work(monkeypatch) -> None:

@@ -90,12 +90,6 @@ def changed(place: tuple[str | int, ...], value: Any, folder: Path) -> Path:
             [0.4, 0.4, 0.1],
             "shapes sphere and cube: a sphere with the radius",
         ),
-        (
-            ("vocabulary", "shapes", 0, "friction"),
-            0.001,
-            "shape cube: friction 0.001 .* more than a quarter of .* 0.01",
-        ),
-        (("physics", "linear_damping"), 0, "linear_damping 0: expected more than 0"),
         (("physics", "start_speed_world_per_s"), [50, 60], "would move by 0.24, and pass through shape cube"),
         (
             ("physics", "table_half_width_world"),

@@ -6,8 +6,9 @@ from itertools import combinations, product
 
 from nsdr.errors import DataError
 from nsdr.types import Add, Event, Freeze, Move, Remove, Scene, SetMass, SetVelocity
-from nsdr.types.interventions import MAX_POSITION_WORLD, MAX_SPEED_WORLD_PER_S, Intervention
+from nsdr.types.interventions import Intervention
 from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.world import CLEVRER_WORLD
 
 QUESTIONS = 3
 """Questions that are suggested at a time."""
@@ -103,8 +104,7 @@ def _added(name: str, *place_and_velocity: float) -> Add:
     return Add(color, material, shape, *place_and_velocity)
 
 
-PLACE = MAX_POSITION_WORLD
-SPEED = MAX_SPEED_WORLD_PER_S
+PLACE, SPEED = CLEVRER_WORLD.max_position_world, CLEVRER_WORLD.max_speed_world_per_s
 X_AXIS, Y_AXIS = "towards the camera", "to the right"
 CHANGES = {
     "remove": ChangeKind(Remove),

@@ -19,13 +19,14 @@ from nsdr.cli.common import (
     settings_of,
     shared_options,
 )
-from nsdr.dynamics.interventions import check_added
+from nsdr.dynamics.interventions import check_changes
 from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import check_installed, write_json
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
 from nsdr.types.interventions import Intervention
 from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.world import World
 
 PLACE, PLACE_AND_VELOCITY = 2, 4
 """Numbers after an object of `--add`."""
@@ -77,7 +78,7 @@ def simulate(options: Any) -> int:
         check_installed("av", "writing videos needs PyAV", "visualize")
     if is_scene(options.video):
         raise DataError(f"{options.video}: is a saved scene, to which no simulator was fitted; give the video")
-    interventions = _interventions(options, settings_of(options).world.vocabulary)
+    interventions = _interventions(options, settings_of(options).world)
     if not interventions:
         raise DataError("no intervention: expected --remove, --mass, --velocity, --move, --shift, --freeze or --add")
     if options.from_frame:
@@ -102,14 +103,16 @@ def simulate(options: Any) -> int:
     return 0
 
 
-def _interventions(options: Any, vocabulary: Vocabulary) -> list[Intervention]:
+def _interventions(options: Any, world: World) -> list[Intervention]:
     def named(text: str) -> str | int:
-        return _object(text, vocabulary)
+        return _object(text, world.vocabulary)
 
     def each(name: str, make: Callable[[str], Intervention]) -> Iterator[Intervention]:
         for text in options[name]:
             try:
-                yield make(text)
+                change = make(text)
+                check_changes([change], world)
+                yield change
             except NsdrError as e:
                 raise DataError(f"--{name} {text}: {e}") from e
 
@@ -120,7 +123,7 @@ def _interventions(options: Any, vocabulary: Vocabulary) -> list[Intervention]:
         *each("move", lambda text: Move(named(_name(text)), *_numbers(text, PLACE))),
         *each("shift", lambda text: Move(named(_name(text)), None, None, *_numbers(text, PLACE))),
         *each("freeze", lambda text: Freeze(named(text))),
-        *each("add", lambda text: _added(text, vocabulary)),
+        *each("add", lambda text: _added(text, world.vocabulary)),
     ]
 
 
@@ -174,9 +177,7 @@ def _added(text: str, vocabulary: Vocabulary) -> Add:
     if len(words) != WORDS:
         raise DataError(f"expected color, material and shape, such as '{vocabulary.example}=1,0'")
     color, material, shape = words
-    new = Add(color, material, shape, *_numbers(text, PLACE, PLACE_AND_VELOCITY))
-    check_added([new], vocabulary)
-    return new
+    return Add(color, material, shape, *_numbers(text, PLACE, PLACE_AND_VELOCITY))
 
 
 def _document(s: Simulation) -> dict[str, Any]:

@@ -100,7 +100,7 @@ class Explanation(ABC):
             return self.observed
         if changes != () or from_frame:
             visible = self.observed.visible[:, : self.n_frames]
-            changes = resolve(changes, self.objects, visible, from_frame, self.world.vocabulary)
+            changes = resolve(changes, self.objects, visible, from_frame, self.world)
         return self._ran(changes, from_frame, self._length(frames))
 
     @cached_property

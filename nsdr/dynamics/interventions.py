@@ -1,5 +1,6 @@
 """Interventions on the objects of a video: which objects they refer to, and which of them contradict each other."""
 
+import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,20 +12,43 @@ from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVeloc
 from nsdr.types.interventions import Intervention
 from nsdr.types.tracks import find_object
 from nsdr.validation import BoolArray, expect
-from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.world import World
 
 EXCLUSIVE = ({SetVelocity, Freeze}, {SetMass, Freeze}, {Move})
 """An object can have at most one intervention from each of these sets. `Remove` excludes all others."""
 
 
-def check_added(interventions: Sequence[Intervention], vocabulary: Vocabulary) -> None:
-    """Raise `DataError` unless added objects have words of a vocabulary; names the first that does not."""
+def check_changes(interventions: Sequence[Intervention], world: World) -> None:
+    """Raise `DataError` unless added objects have words of a world, and places and speeds are possible in it."""
+    known = world.vocabulary.words
     for change in interventions if isinstance(interventions, Sequence) else ():
-        if isinstance(change, Add):
-            for (name, known), word in zip(
-                vocabulary.words.items(), (change.color, change.material, change.shape), strict=True
-            ):
-                expect(word in known, f"Add {change.name}: {name}", f"one of {', '.join(known)}", repr(word))
+        owner = type(change).__name__
+        if isinstance(change, SetVelocity):
+            check_speed(owner, change.speed or math.hypot(change.vx or 0.0, change.vy or 0.0), world)
+        elif isinstance(change, Add):
+            for name, word in zip(known, (change.color, change.material, change.shape), strict=True):
+                expect(
+                    word in known[name], f"Add {change.name}: {name}", f"one of {', '.join(known[name])}", repr(word)
+                )
+            check_position(owner, change.x, change.y, world)
+            check_speed(owner, math.hypot(change.vx, change.vy), world)
+        elif isinstance(change, Move) and change.x is not None and change.y is not None:
+            check_position(owner, change.x, change.y, world)
+        elif isinstance(change, Move):
+            farthest, width = max(abs(change.dx or 0.0), abs(change.dy or 0.0)), 2 * world.max_position_world
+            expect(farthest <= width, owner, f"dx and dy of up to {width:g}, the width of the ground", farthest)
+
+
+def check_speed(owner: str, speed: float, world: World) -> None:
+    """Raise `DataError` for a speed (world units/s) beyond `World.max_speed_world_per_s`."""
+    most = world.max_speed_world_per_s
+    expect(speed <= most, owner, f"a speed of up to {most:g} world units per second", speed)
+
+
+def check_position(owner: str, x: float, y: float, world: World) -> None:
+    """Raise `DataError` for a position (world units) that is not on the ground."""
+    most = world.max_position_world
+    expect(max(abs(x), abs(y)) <= most, owner, f"a position on the ground, from {-most:g} to {most:g}", (x, y))
 
 
 def resolve(
@@ -32,7 +56,7 @@ def resolve(
     objects: Sequence[SceneObject],
     visible: BoolArray,
     from_frame: int,
-    vocabulary: Vocabulary,
+    world: World,
 ) -> tuple[Intervention, ...]:
     """Replace the words of interventions by ids, and check the interventions against each other and the video.
 
@@ -41,18 +65,19 @@ def resolve(
         objects: objects of the video.
         visible: (n, F) bool, whether each object is in the image at each frame of the video.
         from_frame: frame at which the interventions happen.
-        vocabulary: the words that an added object may have.
+        world: the world of the video, which says what is possible.
 
     Raises:
         DataError: `interventions` is not a list, `from_frame` is outside the video, an object is unknown or not in the image at
-            that frame, interventions contradict each other, or an object like the added one is there already.
+            that frame, a place or speed is impossible, interventions contradict each other, or an object like the added one is
+            there already.
     """
     frames = visible.shape[1]
     if isinstance(from_frame, bool) or not isinstance(from_frame, int) or not 0 <= from_frame < frames:
         raise DataError(f"from_frame: expected a frame of the video, 0 to {frames - 1}, got {from_frame!r:.60}")
     if not isinstance(interventions, Sequence) or isinstance(interventions, str):
         raise DataError(f"interventions: expected a list, such as [nsdr.Remove('red cube')], got {interventions!r:.60}")
-    check_added(interventions, vocabulary)
+    check_changes(interventions, world)
     found: list[Intervention] = []
     for change in interventions:
         if isinstance(change, Add):

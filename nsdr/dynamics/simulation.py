@@ -32,8 +32,8 @@ def simulate(
             the backend does not support it: networks can only remove one object from frame 0.
     """
     n_frames, old = explanation.n_frames, explanation.objects
-    visible, vocabulary = explanation.observed.visible[:, :n_frames], explanation.world.vocabulary
-    changes = resolve(interventions, old, visible, from_frame, vocabulary)
+    visible = explanation.observed.visible[:, :n_frames]
+    changes = resolve(interventions, old, visible, from_frame, explanation.world)
     if not changes:
         raise DataError("interventions: expected at least one, such as [nsdr.Remove('red cube')], got none")
     changed = explanation.rollout(changes, from_frame, frames)

@@ -1,26 +1,20 @@
 """Changes of a scene at one frame: what `nsdr.Pipeline.simulate` takes.
 
 Objects of the scene are named by words that only one of them has ("red cube", "red metal cube") or by id. Seconds are of
-simulated time: a frame is 0.028 s.
+simulated time: a frame of CLEVRER is 0.028 s. Places and speeds are checked where the world is known
+(`nsdr.dynamics.interventions`).
 """
 
-import math
 from dataclasses import dataclass, fields
 from typing import Annotated
 
 from msgspec import Meta
 
 from nsdr.validation import Checked, Finite, expect
-from nsdr.world.physics_constants import GROUND_HALF_WIDTH_WORLD, OBJECT_RADIUS_WORLD
 from nsdr.world.vocabulary import Word
 
-MAX_SPEED_WORLD_PER_S = 5.0
-"""Fastest speed that can be set (world units/s): CLEVRER's objects start with up to 3, and at 5 one crosses a tenth of another
-one within two steps of the simulation."""
 Mass = Annotated[float, Meta(ge=0.001, le=1000)]
 """A mass, or the factor of one."""
-MAX_POSITION_WORLD = GROUND_HALF_WIDTH_WORLD - OBJECT_RADIUS_WORLD
-"""Largest coordinate of an object on the ground (world units)."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +52,7 @@ class SetVelocity(Checked):
         object: words or id.
         vx, vy: velocity towards the camera, and to the right of the image (world units/s). CLEVRER's objects start with speeds
             of 2.7 to 3.
-        speed: speed (world units/s), up to 5; with `direction` None in the present direction.
+        speed: speed (world units/s), in CLEVRER up to 5; with `direction` None in the present direction.
         direction: degrees from the x axis (towards the camera) to the y axis (right of the image); with `speed` None at the
             present speed.
         factor: of the present velocity; a negative one reverses it.
@@ -67,7 +61,7 @@ class SetVelocity(Checked):
     object: str | int
     vx: Finite | None = None
     vy: Finite | None = None
-    speed: Annotated[float, Meta(ge=0, le=MAX_SPEED_WORLD_PER_S)] | None = None
+    speed: Annotated[float, Meta(ge=0)] | None = None
     direction: Finite | None = None
     factor: Finite | None = None
 
@@ -78,7 +72,6 @@ class SetVelocity(Checked):
         ways = by_axes + by_angle + (self.factor is not None)
         expected = "vx and vy, or speed and/or direction, or factor"
         expect(ways == 1 and not halves, "SetVelocity", expected, _given(self))
-        check_speed("SetVelocity", math.hypot(self.vx or 0.0, self.vy or 0.0))
 
 
 @dataclass(frozen=True)
@@ -102,10 +95,6 @@ class Move(Checked):
         given = [getattr(self, name) is not None for name in ("x", "y", "dx", "dy")]
         fits = given in ([True, True, False, False], [False, False, True, True])
         expect(fits, "Move", "x and y, or dx and dy", _given(self))
-        if self.x is not None and self.y is not None:
-            check_position("Move", self.x, self.y)
-        farthest, width = max(abs(self.dx or 0.0), abs(self.dy or 0.0)), 2 * MAX_POSITION_WORLD
-        expect(farthest <= width, "Move", f"dx and dy of up to {width:g}, the width of the ground", farthest)
 
 
 @dataclass(frozen=True)
@@ -127,7 +116,7 @@ class Add(Checked):
         color, material, shape: words of the world's vocabulary; no other object of the scene has all three.
         x, y: position on the ground: towards the camera, and to the right of the image (world units).
         vx, vy: velocity along the same axes (world units/s).
-        yaw: rotation about the vertical axis, of cubes (radians).
+        yaw: rotation about the vertical axis, of boxes (radians).
         mass: relative mass; CLEVRER's objects have 0.7 to 1.3.
     """
 
@@ -140,11 +129,6 @@ class Add(Checked):
     vy: Finite = 0.0
     yaw: Finite = 0.0
     mass: Mass = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_position("Add", self.x, self.y)
-        check_speed("Add", math.hypot(self.vx, self.vy))
 
     @property
     def name(self) -> str:
@@ -178,18 +162,6 @@ def intervention_text(change: Intervention) -> str:
         return f"{name} with velocity ({change.vx:g}, {change.vy:g})"
     speed = "" if change.speed is None else f" with speed {change.speed:g}"
     return f"{name}{speed}" + ("" if change.direction is None else f" in direction {change.direction:g}°")
-
-
-def check_speed(owner: str, speed: float) -> None:
-    """Raise `DataError` for a speed (world units/s) beyond `MAX_SPEED_WORLD_PER_S`."""
-    most = MAX_SPEED_WORLD_PER_S
-    expect(speed <= most, owner, f"a speed of up to {most:g} world units per second", speed)
-
-
-def check_position(owner: str, x: float, y: float) -> None:
-    """Raise `DataError` for a position (world units) that is not on the ground."""
-    most = MAX_POSITION_WORLD
-    expect(max(abs(x), abs(y)) <= most, owner, f"a position on the ground, from {-most:g} to {most:g}", (x, y))
 
 
 def _given(owner: Checked) -> str:

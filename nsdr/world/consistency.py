@@ -59,11 +59,9 @@ def check_in_view(layout: Layout, camera: Camera) -> None:
 
 
 def check_motion(vocabulary: Vocabulary, physics: Physics) -> None:
-    """Raise `DataError` unless objects slide to rest and meet as the simulators assume.
+    """Raise `DataError` unless objects meet as the simulators assume.
 
-    The motion of sliding objects has a closed form where friction is stronger than damping, or where there is none
-    (`nsdr.dynamics.sliding`). Collisions are computed in the plane of the table; so two objects have to meet at a vertical
-    wall, or at equal heights.
+    Collisions are computed in the plane of the table; so two objects have to meet at a vertical wall, or at equal heights.
     """
     thinnest = min(vocabulary.shapes, key=lambda shape: min(shape.size_world[:2]))
     fastest, half = physics.start_speed_world_per_s[1], min(thinnest.size_world[:2]) / 2
@@ -73,17 +71,6 @@ def check_motion(vocabulary: Vocabulary, physics: Physics) -> None:
             f"move by {fastest * physics.step_seconds:.3g}, and pass through shape {thinnest.word}, half of whose width "
             f"is {half:g}"
         )
-    damping = physics.linear_damping
-    if not damping:
-        raise DataError("physics: linear_damping 0: expected more than 0; objects without it cannot be predicted")
-    for shape, material in product(vocabulary.shapes, vocabulary.materials):
-        deceleration = shape.friction * material.friction * physics.gravity
-        if 0 < deceleration <= damping / 4:
-            raise DataError(
-                f"shape {shape.word}: friction {shape.friction:g} of material {material.word}, {material.friction:g}: "
-                f"together with gravity {physics.gravity:g} expected 0, or more than a quarter of "
-                f"physics.linear_damping, {damping / 4:g}; got {deceleration:.3g}"
-            )
     spheres = [shape for shape in vocabulary.shapes if shape.solid == "sphere"]
     for sphere, other in product(spheres, vocabulary.shapes):
         radius, height = sphere.size_world[2] / 2, other.size_world[2]

@@ -12,6 +12,9 @@ from nsdr.world.look import Look
 from nsdr.world.physics import Physics, Timeline
 from nsdr.world.vocabulary import Vocabulary
 
+MAX_SPEED_WORLD_PER_S = 5.0
+"""`World.max_speed_world_per_s` of CLEVRER."""
+
 
 class Scales(NamedTuple):
     """How many times as large a world is as CLEVRER's: thresholds that were set on CLEVRER's videos are multiplied by these.
@@ -72,6 +75,17 @@ class World(Checked):
         """How many times as large the world is as CLEVRER's."""
         sizes = zip(_measures(self), _measures(CLEVRER_WORLD), strict=True)
         return Scales(*(mine / clevrers for mine, clevrers in sizes))
+
+    @property
+    def max_speed_world_per_s(self) -> float:
+        """Fastest speed that can be set: CLEVRER's objects start with up to 3, and at 5 one crosses a tenth of another one
+        within two steps of the simulation."""
+        return MAX_SPEED_WORLD_PER_S * self.scales.speed
+
+    @property
+    def max_position_world(self) -> float:
+        """Largest coordinate of an object on the table."""
+        return self.physics.table_half_width_world - max(shape.half_width_world for shape in self.vocabulary.shapes)
 
     def differences(self, other: "World") -> list[str]:
         """Names of the values that differ between two worlds, such as "physics.gravity"; that of the world is not compared."""

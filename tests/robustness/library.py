@@ -59,7 +59,7 @@ def _simulate_nothing() -> Any:
 
 
 def _resolve(*changes: Any, from_frame: Any = 0) -> Any:
-    return resolve(changes, (RED_CUBE, *OTHERS), VISIBLE, from_frame, CLEVRER_WORLD.vocabulary)
+    return resolve(changes, (RED_CUBE, *OTHERS), VISIBLE, from_frame, CLEVRER_WORLD)
 
 
 def _narrated(**changes: Any) -> Any:

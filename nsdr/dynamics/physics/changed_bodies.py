@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.dynamics.interventions import changed_ids, with_added
+from nsdr.dynamics.interventions import changed_ids, check_position, check_speed, with_added
 from nsdr.dynamics.physics.bodies import body_records
-from nsdr.dynamics.physics.body_state import POSITION, SPIN, STATE_SIZE, VELOCITY
+from nsdr.dynamics.physics.body_state import POSITION, SPIN, STATE_SIZE, VELOCITY, X, Y
 from nsdr.dynamics.physics.contact_geometry import outline_gap
 from nsdr.dynamics.physics.simulator import BodyStates
 from nsdr.errors import DataError
 from nsdr.types import Add, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
-from nsdr.types.interventions import Intervention, check_position, check_speed
+from nsdr.types.interventions import Intervention
 from nsdr.world.world import World
 
 FROZEN_MASS = 1e9
@@ -97,7 +97,7 @@ def _apply(changed: ChangedBodies, i: int, change: Intervention, name: str, worl
             state[POSITION], exact[POSITION] = (change.x, change.y), True
         else:
             state[POSITION] += change.dx or 0.0, change.dy or 0.0
-            check_position(f"Move {name}", *state[POSITION].tolist())
+            check_position(f"Move {name}", float(state[X]), float(state[Y]), world)
     elif isinstance(change, Freeze):
         state[VELOCITY], state[SPIN], mass[i] = 0.0, 0.0, FROZEN_MASS
         changed.exact_mass[i] = True
@@ -119,7 +119,7 @@ def _velocity(change: SetVelocity, now: NDArray[Any], name: str, world: World) -
             "expected vx and vy, or speed and direction"
         )
     if change.factor is not None:
-        check_speed(f"SetVelocity {name}", speed * abs(change.factor))
+        check_speed(f"SetVelocity {name}", speed * abs(change.factor), world)
         return change.factor * now
     angle = math.atan2(now[1], now[0]) if change.direction is None else math.radians(change.direction)
     new_speed = speed if change.speed is None else change.speed

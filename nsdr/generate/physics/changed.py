@@ -5,12 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from nsdr.dynamics.interventions import check_speed
 from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import Body, Simulator
 from nsdr.generate.physics.disturbed import bodies_of, states_at
 from nsdr.io.worlds import world_in
 from nsdr.types import Event, SetMass, SetVelocity
-from nsdr.types.interventions import Intervention, check_speed
+from nsdr.types.interventions import Intervention
+from nsdr.world.world import World
 
 
 class TruthSimulator:
@@ -45,7 +47,7 @@ class TruthSimulator:
         if not isinstance(change, SetMass | SetVelocity) or not isinstance(change.object, int):
             raise DataError(f"{change!r:.80}: expected a SetMass or SetVelocity of an object by its id")
         changed = list(bodies)
-        changed[change.object] = _changed(bodies[change.object], change, self.world.physics.moving_speed_world_per_s)
+        changed[change.object] = _changed(bodies[change.object], change, self.world)
         with Simulator(world=self.world) as simulator:
             same, found = (self._simulated(simulator, start, from_frame) for start in (bodies, changed))
         if {e.objects for e in same} != {e.objects for e in self.collisions}:
@@ -64,7 +66,7 @@ class TruthSimulator:
         return sorted(first.values(), key=lambda e: e.frame)
 
 
-def _changed(body: Body, change: SetMass | SetVelocity, moving_speed: float) -> Body:
+def _changed(body: Body, change: SetMass | SetVelocity, world: World) -> Body:
     if isinstance(change, SetMass):
         return replace(body, mass=body.mass * change.factor)
     vx, vy, vz = body.velocity
@@ -73,7 +75,7 @@ def _changed(body: Body, change: SetMass | SetVelocity, moving_speed: float) -> 
         if change.vx or change.vy or change.vx is None:
             raise DataError(f"{change!r:.80}: expected a factor, or vx=0 and vy=0")
         return replace(body, velocity=(0.0, 0.0, vz))
-    if speed < moving_speed:
+    if speed < world.physics.moving_speed_world_per_s:
         raise DataError("the object rests, so it has no speed to multiply")
-    check_speed("SetVelocity", speed * abs(change.factor))
+    check_speed("SetVelocity", speed * abs(change.factor), world)
     return replace(body, velocity=(change.factor * vx, change.factor * vy, vz))
