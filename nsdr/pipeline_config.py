@@ -15,7 +15,15 @@ from nsdr.dynamics.base import Dynamics
 from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, load_backend, weights_folder
 from nsdr.errors import DataError
 from nsdr.frame_parser.check.video import VideoConfig
-from nsdr.io.checkpoint import PIPELINE, find_checkpoint, folder_of_part, has_part, is_default, load_description
+from nsdr.io.checkpoint import (
+    PIPELINE,
+    PretrainedPart,
+    find_checkpoint,
+    folder_of_part,
+    has_part,
+    is_default,
+    load_description,
+)
 from nsdr.io.configuration import option, parse_config
 from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
@@ -158,6 +166,13 @@ def _saved_with(checkpoint: str | Path) -> list[str]:
     return argv
 
 
+def check_weights(part: object, world: World) -> None:
+    """Raise `DataError` if a part has weights that were trained for a world which differs in what they depend on."""
+    for one in (part, getattr(part, "backend", None), getattr(part, "detector", None)):
+        if isinstance(one, PretrainedPart):
+            one.check_world(world)
+
+
 def check_perceivable(world: World) -> None:
     """Raise `DataError` unless the parts of a pipeline know a world: CLEVRER's with any camera, as yet."""
     check_as_clevrer(world, "a pipeline", ("camera.",))
@@ -174,7 +189,7 @@ def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> t
 
     Raises:
         CheckpointError: missing or corrupt; says what and how to get it.
-        DataError: an unknown device.
+        DataError: an unknown device, or weights of another world; says what differs.
         EndpointError: the server of the question parser does not answer.
     """
     folder = find_checkpoint(path_or_id)
@@ -196,6 +211,7 @@ def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> t
     }
     frame_parser = FrameParser.from_checkpoint(taken["frame_parser"], **options)
     backend = load_backend(config.dynamics, folder)
+    check_weights(backend, config.world)
     lacking = [] if is_default(folder) else [part for part, found in taken.items() if found != folder]
     if lacking:
         warnings.warn(f"{folder} has no {', '.join(lacking)}; the shipped ones are used", stacklevel=3)

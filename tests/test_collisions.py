@@ -15,6 +15,7 @@ from nsdr.dynamics.registry import load_backend
 from nsdr.errors import CheckpointError, DataError
 from nsdr.training import collisions as training
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
+from nsdr.world.world import CLEVRER_WORLD
 
 SMALL = CollisionNetworkConfig(width=8)
 
@@ -38,12 +39,13 @@ def network(seed: int = 0) -> CollisionNetwork:
 
 def logits(model: CollisionNetwork, arrays: MotionArrays, pairs: np.ndarray) -> np.ndarray:
     with torch.no_grad():
-        return model(network_inputs(arrays, pairs)).numpy()
+        return model(network_inputs(arrays, pairs, CLEVRER_WORLD.scales)).numpy()
 
 
 def test_only_pairs_that_come_near_are_looked_at() -> None:
-    assert near_pairs(states().location_world).tolist() == [[0, 1]]
-    assert near_pairs(states(objects=3).location_world[:1]).shape == (0, 2)
+    arrays = arrays_from_states(states())
+    assert near_pairs(arrays.location_world, arrays.radius, CLEVRER_WORLD.scales).tolist() == [[0, 1]]
+    assert near_pairs(arrays.location_world[:1], arrays.radius[:1], CLEVRER_WORLD.scales).shape == (0, 2)
     detector = TrackCollisionDetector(network())
     assert [e.objects for e, _ in detector.collision_candidates(states())] == [(0, 1)]
     assert detector.collision_candidates(states_from_tracks(VideoTracks(20, ()))) == []

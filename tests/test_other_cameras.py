@@ -10,7 +10,7 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
-from nsdr.dynamics.propnet.patch_predictor import patch_boxes
+from nsdr.dynamics.propnet.patches import boxes_of
 from nsdr.dynamics.sliding import slide
 from nsdr.dynamics.track_smoothing import smooth_tracks
 from nsdr.generate.render.view import RenderConfig, view_of
@@ -206,7 +206,7 @@ def test_all_that_follows_from_tracks_uses_their_camera(tmp_path) -> None:
     fit = fit_trajectories(states, [])
     assert fit.cost < 0.2
     assert fit_trajectories(replace(states, world=CLEVRER_WORLD), []).cost > 1.0  # the edges of the cube do not fit
-    boxes = patch_boxes(states.location_world, states.box_px, states.reliable, 0, OTHER)[0]
+    boxes = boxes_of(states, 0)[0]
     middle = boxes[:, :2] * [240, 160] + [240, 160]
     np.testing.assert_allclose(middle, OTHER.pixels([frame["objects"][0]["location"] for frame in frames]), atol=1e-6)
 

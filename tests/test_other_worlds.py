@@ -15,6 +15,13 @@ from nsdr.clevrer.files.annotations import check_truth, read_annotation, read_tr
 from nsdr.clevrer.files.compact_proposals import compact_rows, read_compact_proposals
 from nsdr.clevrer.files.proposals import proposals_document, proposals_from_masks, read_proposals
 from nsdr.cli.main import main
+from nsdr.dynamics.collisions.features import MotionArrays, network_inputs, radii
+from nsdr.dynamics.collisions.network import CollisionNetwork, CollisionNetworkConfig, TrackCollisionDetector
+from nsdr.dynamics.motion_states import MotionStates, object_features
+from nsdr.dynamics.propnet.patch_model import PatchPropNet, PatchPropNetConfig
+from nsdr.dynamics.propnet.patch_predictor import PatchPropNetPredictor
+from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
+from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
@@ -283,3 +290,52 @@ def test_a_scene_counts_motion_by_the_worlds_time_and_sees_objects_at_their_heig
     first, last = DISCS.camera.pixels([[0.0, 0.0, 0.15], [0.0, 0.003 * 59, 0.15]])
     assert scene.motion_px is not None
     assert scene.motion_px[1] == pytest.approx(last - first)
+
+
+def discs_states(world: World = DISCS) -> MotionStates:
+    """A disc that slides past a resting coin and a brick."""
+    location = np.zeros((3, 60, 2))
+    location[0, :, 0], location[1], location[2] = np.linspace(-2, 2, 60), (0.0, 0.45), (0.0, -2.5)
+    words = (("orange", "wood", "disc"), ("teal", "steel", "coin"), ("white", "wood", "brick"))
+    seen, box = np.ones((3, 60), bool), np.full((3, 60, 4), 30.0)
+    objects = tuple(SceneObject(i, *names) for i, names in enumerate(words))
+    return MotionStates(objects, location, seen, seen, seen, box, world=world)
+
+
+@pytest.mark.parametrize(
+    ("part", "network"),
+    [
+        (TrackCollisionDetector, lambda world: CollisionNetwork(CollisionNetworkConfig(8), world)),
+        (PropNetPredictor, lambda world: PropNet(PropNetConfig(8), world)),
+        (PatchPropNetPredictor, lambda world: PatchPropNet(PatchPropNetConfig(8, channels=(2, 2, 2)), world)),
+    ],
+)
+def test_networks_of_motion_say_their_world_and_refuse_others(tmp_path, part, network) -> None:
+    part(network(DISCS)).save_pretrained(tmp_path)
+    again = part.from_checkpoint(tmp_path)
+    assert again.trained_for == DISCS
+    words = replace(DISCS.vocabulary, colors=(Color("pink", (255, 150, 180)), *DISCS.vocabulary.colors[:2]))
+    again.check_world(replace(DISCS, vocabulary=words, look=Look()))
+    heavy = replace(DISCS, physics=replace(DISCS.physics, gravity=9.0))
+    with pytest.raises(
+        DataError, match=r"weights are of the world discs; the world discs has other physics\.gravity: giv"
+    ):
+        again.check_world(heavy)
+    with pytest.raises(DataError, match=r"weights are of the world clevrer; .*vocabulary\.materials\.word.*physics"):
+        part(network(CLEVRER_WORLD)).check_world(DISCS)
+
+
+def test_networks_of_motion_know_how_wide_and_fast_objects_are() -> None:
+    states, hidden = discs_states(), np.zeros((3, 60, 4), bool)
+    flags = states.detected, states.reliable, states.present, hidden
+    static, radius = (of(states.objects, DISCS.vocabulary) for of in (object_features, radii))
+    assert static.tolist() == [[1, 0, 0, 1, 0], [0, 1, 0, 0, 1], [0, 0, 1, 1, 0]]
+    assert radius == pytest.approx([0.25, 0.15, 0.225])
+    arrays = MotionArrays(states.location_world, *flags, states.box_px, np.zeros((3, 60, 2)), static, radius)
+    inputs = network_inputs(arrays, np.array([[0, 1]]), DISCS.scales)
+    gap = np.hypot(arrays.location_world[0, 30, 0], 0.45) - 0.4
+    assert float(inputs.pairs[0, 2, 30]) == pytest.approx(gap / (0.1 * 0.75), abs=1e-4)
+    step = 4 / 59
+    assert float(inputs.objects[0, 0, 30]) == pytest.approx(step / (0.05 * 45 / 28), abs=1e-4)
+    network = PropNet(PropNetConfig(8), DISCS)
+    assert [radius * network.length_world for radius in network.radii] == pytest.approx([0.25, 0.15, 0.225])

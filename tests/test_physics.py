@@ -18,7 +18,7 @@ from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.physics.simulator import NO_CONTACT, BodyStates, PrescribedMotion, SimulatedMotion, simulate
 from nsdr.dynamics.physics.trajectory_fit import fit_trajectories
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PatchPropNet, PatchPropNetConfig
+from nsdr.dynamics.propnet.patch_model import PatchPropNet, PatchPropNetConfig, box_scale
 from nsdr.dynamics.propnet.patch_predictor import PatchPropNetPredictor
 from nsdr.dynamics.propnet.patches import patch_boxes
 from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
@@ -384,7 +384,7 @@ def test_patch_boxes_ignore_what_hides_an_object_and_reach_back_before_the_video
     box = np.full((1, 20, 4), 40.0)
     reliable = np.ones((1, 20), bool)
     box[0, 5:10, 2], reliable[0, 5:10] = 10.0, False  # half hidden
-    found = patch_boxes(position, box, reliable, 4)[0] * np.array(BOX_SCALE)
+    found = patch_boxes(position, 0.2, box, reliable, 4, CLEVRER_WORLD)[0] * np.array(box_scale(CLEVRER_WORLD))
     assert found.shape == (24, 4)
     np.testing.assert_allclose(found[:, 2:], 40.0)
     np.testing.assert_allclose(np.diff(found[:, 0]), found[1, 0] - found[0, 0], atol=1e-6)

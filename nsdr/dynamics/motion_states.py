@@ -11,7 +11,7 @@ from nsdr.tracking.visibility import hidden_sides
 from nsdr.types import SceneObject, VideoProposals, VideoTracks
 from nsdr.validation import BoolArray, FloatArray, IntArray
 from nsdr.world.camera import Camera
-from nsdr.world.vocabulary import MATERIALS, SHAPES
+from nsdr.world.vocabulary import Vocabulary
 from nsdr.world.world import CLEVRER_WORLD, World
 
 UNRELIABLE_WEIGHT = 0.03
@@ -27,10 +27,6 @@ LINE_FRAMES = 8
 MIN_LINE_FRAMES = 3
 """The straight line beyond a track's end goes through reliable detections only if they span at least this many frames;
 otherwise through all detections."""
-
-
-STATIC_FEATURES = len(SHAPES) + len(MATERIALS)
-"""Number of features of an object that do not change over time, see `object_features`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,10 +199,15 @@ def _line(frame_index: IntArray, location_world: FloatArray, wanted: IntArray) -
     return np.stack([np.ones(len(wanted)), wanted - frame_index.mean()], 1) @ coefficients
 
 
-def object_features(objects: tuple[SceneObject, ...]) -> FloatArray:
-    """Features (n, 5) of the objects: one-hot shape (3) and material (2)."""
-    features = np.zeros((len(objects), STATIC_FEATURES), np.float32)
+def feature_count(vocabulary: Vocabulary) -> int:
+    """Number of features of an object that do not change over time, see `object_features`: 5 in CLEVRER."""
+    return len(vocabulary.shapes) + len(vocabulary.materials)
+
+
+def object_features(objects: tuple[SceneObject, ...], vocabulary: Vocabulary) -> FloatArray:
+    """Features (n, `feature_count`) of the objects: one-hot shape, then one-hot material."""
+    words, features = vocabulary.words, np.zeros((len(objects), feature_count(vocabulary)), np.float32)
     for row, o in zip(features, objects, strict=True):
-        row[SHAPES.index(o.shape)] = 1
-        row[len(SHAPES) + MATERIALS.index(o.material)] = 1
+        row[words["shape"].index(o.shape)] = 1
+        row[len(words["shape"]) + words["material"].index(o.material)] = 1
     return features

@@ -5,6 +5,7 @@ import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar, runtime_checkable
 
@@ -14,6 +15,8 @@ from nsdr.io.files import write_file, write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.io.shipped import shipped_folders
+from nsdr.io.worlds import stored_world, world_in
+from nsdr.world.world import CLEVRER_WORLD, World
 
 if TYPE_CHECKING:
     import torch
@@ -254,6 +257,19 @@ def load_network(folder: str | Path, part: str, kind: type[Config], build: Calla
     return network
 
 
+def trained_for(folder: str | Path, part: str) -> World:
+    """The world that one part of a checkpoint was trained for; CLEVRER's if its JSON says none.
+
+    Raises:
+        CheckpointError: the file is missing or no such description; names it.
+    """
+    details = load_description(folder, part)
+    try:
+        return world_in(details, f"{Path(folder) / f'{part}.json'}: ")
+    except DataError as e:
+        raise CheckpointError(str(e)) from e
+
+
 def start_from(network: "nn.Module", folder: str | Path, part: str, anew: Sequence[str] = ()) -> None:
     """Give a network the weights of a checkpoint.
 
@@ -325,13 +341,17 @@ class PretrainedPart(Generic[Model]):
         name: which of several networks of this part it is; "" if there is one only.
         default_checkpoint: name of the shipped checkpoint that has its weights.
         built_from: the dataclass of the network's settings, and what builds the network from them.
+        free: for networks of a world, beginnings of the names of the world's values that may be others than those which the
+            network was trained for (see `World.differences`). They are built from settings and a world, and keep it as
+            `model.world`. None for networks of no world.
         model: the network; `model.config` are its settings. Parts with several have other `from_checkpoint` and `network`.
     """
 
     part: ClassVar[str]
     name: ClassVar[str] = ""
     default_checkpoint: ClassVar[str] = "default"
-    built_from: ClassVar[tuple[type, Callable[[Any], "nn.Module"]]]
+    built_from: ClassVar[tuple[type, Callable[..., "nn.Module"]]]
+    free: ClassVar[tuple[str, ...] | None] = None
     model: Model
 
     @classmethod
@@ -342,7 +362,10 @@ class PretrainedPart(Generic[Model]):
             CheckpointError: a file is missing or corrupt, or holds another kind of network.
         """
         make: Callable[..., Self] = cls
-        return make(load_network(folder, cls.part, *cls.built_from), **options)
+        kind, build = cls.built_from
+        if cls.free is not None:
+            build = partial(build, world=trained_for(folder, cls.part))
+        return make(load_network(folder, cls.part, kind, build), **options)
 
     @classmethod
     def from_pretrained(cls, path_or_id: str | Path = "", device: str = "auto", **options: Any) -> Self:
@@ -364,9 +387,27 @@ class PretrainedPart(Generic[Model]):
         """The network, or all networks as one module."""
         return self.model
 
+    @property
+    def trained_for(self) -> World:
+        """The world of the network's weights; CLEVRER's if the network knows none."""
+        return getattr(self.network, "world", CLEVRER_WORLD)
+
+    def check_world(self, world: World) -> None:
+        """Raise `DataError` if the network was trained for a world that differs from this one in what it depends on."""
+        if self.free is None or world is self.trained_for:
+            return
+        trained = self.trained_for
+        differing = [name for name in trained.differences(world) if not name.startswith(self.free)]
+        if differing:
+            raise DataError(
+                f"{type(self).__name__}: its weights are of the world {trained.name}; the world {world.name} has other "
+                f"{', '.join(differing)}: give weights of this world, or train them (`nsdr train {self.part}`)"
+            )
+
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
         """The dataclass that rebuilds the network, and what else belongs into the JSON."""
-        return self.model.config, {"network": self.name} if self.name else {}
+        of_world = {} if self.free is None else stored_world(self.trained_for)
+        return self.model.config, {"network": self.name, **of_world} if self.name else of_world
 
     def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
         """Write the part's weights and description for `from_pretrained(folder)`.

@@ -23,6 +23,7 @@ from nsdr.dynamics.collisions.network import (
 )
 from nsdr.dynamics.metrics import collision_scores
 from nsdr.dynamics.propnet.data import MotionDataset, read_motion_dataset
+from nsdr.io.worlds import stored_world
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import Count, NotNegative, PathName, PositiveCount, Settings, Share
@@ -35,7 +36,7 @@ HIDDEN_FRAMES = (6, 50)
 NEAR_COLLISION_SHARE = 0.6
 """Share of these that are drawn around a collision."""
 BIAS_WORLD = 0.03
-"""Standard deviation of made-up errors of positions at their largest (world units)."""
+"""Standard deviation of made-up errors of positions at their largest (world units in CLEVRER)."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +83,11 @@ class CollisionTask(Task):
 
     def __init__(self, config: CollisionTraining) -> None:
         self.config = config
-        torch.manual_seed(config.loop.seed)
-        self.model: nn.Module = CollisionNetwork(config.model)
         kept = f"{config.run_dir}/motion.npz"
         data = read_motion_dataset(config.proposals, config.truth, kept, config.limit or None)
+        self.world = data.world
+        torch.manual_seed(config.loop.seed)
+        self.model: nn.Module = CollisionNetwork(config.model, self.world)
         is_held_out = held_out(data.scene, HELD_OUT_EVERY, config.proposals)
         self.data: MotionDataset = data.subset(~is_held_out)
         self.held_out: MotionDataset = data.subset(np.flatnonzero(is_held_out)[: config.evaluation_scenes])
@@ -108,14 +110,14 @@ class CollisionTask(Task):
         disturbed = [self._disturbed(e) for e in examples]
         pairs, frames, first = [], [], 0
         for example, arrays in zip(examples, disturbed, strict=True):
-            near = near_pairs(arrays.location_world)
+            near = near_pairs(arrays.location_world, arrays.radius, self.world.scales)
             frames.append(self.data.collision_frame[example.scene][near[:, 0], near[:, 1]])
             pairs.append(near + first)
             first += len(arrays.location_world)
         joined = MotionArrays(
             *(np.concatenate([getattr(a, name) for a in disturbed]) for name in MotionArrays.__dataclass_fields__)
         )
-        inputs = network_inputs(joined, np.concatenate(pairs))
+        inputs = network_inputs(joined, np.concatenate(pairs), self.world.scales)
         frame = torch.from_numpy(np.concatenate(frames).astype(np.float32))
         return {"inputs": inputs, "frame": frame, "scenes": len(examples)}
 
@@ -137,11 +139,11 @@ class CollisionTask(Task):
             hidden[i, frames, rng.integers(4)] = detected[i, frames]
             length = frames.stop - frames.start
             rise = np.sin(np.pi * (np.arange(length) + 0.5) / length)
-            location[i, frames] += BIAS_WORLD * rise[:, None] * rng.normal(size=2)
+            location[i, frames] += BIAS_WORLD * self.world.scales.size * rise[:, None] * rng.normal(size=2)
         if example.mirror:
             location = location * (1, -1)
             hidden, box = hidden[..., [2, 1, 0, 3]], box * (-1, 1, 1, 1)  # only differences of columns are used
-        return MotionArrays(location, detected, reliable, a.present, hidden, box, a.size, a.static)
+        return MotionArrays(location, detected, reliable, a.present, hidden, box, a.size, a.static, a.radius)
 
     def _stretch(self, scene: int, rng: np.random.Generator) -> tuple[int, slice] | None:
         """An object and frames within its track, often around one of its collisions; None where they would reach its ends."""
@@ -193,4 +195,5 @@ def step_loss(logits: Tensor, frame: Tensor) -> Tensor:
 def main(argv: Sequence[str] | None = None) -> str:
     """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_training(CollisionTraining, argv, "collisions")
-    return train_part("collisions", CollisionTask(config), config, config.model)
+    task = CollisionTask(config)
+    return train_part("collisions", task, config, config.model, stored_world(task.world))

@@ -13,12 +13,13 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.dynamics.motion_states import extrapolate
-from nsdr.dynamics.propnet.state_model import LENGTH_WORLD, PropNet
+from nsdr.dynamics.propnet.state_model import PropNet
 from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
+from nsdr.io.worlds import stored_world
 from nsdr.training.loop import LossTerm, train_part
 from nsdr.training.patch_dynamics import ImagePropNetTask, PatchPropNetTask
 from nsdr.training.run_folder import parse_training
-from nsdr.training.track_task import FIRST_PRESENT_FRAME, LAST_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
+from nsdr.training.track_task import FIRST_PRESENT_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
 
 FORWARD_FRAMES_BEFORE_COLLISION = 14
 """Near a collision, the forward network's present is at most this many frames before it, and never after."""
@@ -29,7 +30,7 @@ OBSERVED_TOLERANCE_FRAMES = 2
 PREDICTED_RANGE_FRAMES = (-2, 1)
 """The forward network should report a collision whose frame, minus the frame that a step predicts, is in this closed range."""
 SMOOTH_L1_BETA = 0.2
-"""Position error at which the motion loss changes from quadratic to linear (in units of `LENGTH_WORLD`)."""
+"""Position error at which the motion loss changes from quadratic to linear (in units of `PropNet.length_world`)."""
 
 
 class _Window(NamedTuple):
@@ -49,20 +50,23 @@ class PropNetTask(TrackTask):
     """
 
     def __init__(self, config: DynamicsTraining) -> None:
-        torch.manual_seed(config.loop.seed)
-        super().__init__(config, PropNet(config.model))
+        super().__init__(config)
         self.margin = max(config.model.past_steps, config.model.side_steps) * config.model.stride_frames
         self.locations = extrapolate(self.data.location_world, self.margin).astype(np.float32)
+
+    def network(self) -> PropNet:
+        """The network, with random weights."""
+        return PropNet(self.config.model, self.world)
 
     def draw(self, count: int, rng: np.random.Generator, step: int) -> list[tuple[_Window, _Window]]:
         """A window of the forward network and one of the observer for each example."""
         c = self.config.model
         scenes, frames = self.draw_windows(count, rng, FORWARD_FRAMES_BEFORE_COLLISION, 0)
-        frames = np.clip(frames, FIRST_PRESENT_FRAME, LAST_FRAME - 1)
+        frames = np.clip(frames, FIRST_PRESENT_FRAME, self.data.last_frame - 1)
         forward = self._disturbed(scenes, frames, c.past_steps + self.config.rollout_steps, rng)
         around = OBSERVER_FRAMES_AROUND_COLLISION
         scenes, frames = self.draw_windows(count, rng, around, around)
-        observer = self._disturbed(scenes, np.clip(frames, 0, LAST_FRAME), 2 * c.side_steps + 1, rng)
+        observer = self._disturbed(scenes, np.clip(frames, 0, self.data.last_frame), 2 * c.side_steps + 1, rng)
         return list(zip(forward, observer, strict=True))
 
     def _disturbed(
@@ -95,8 +99,9 @@ class PropNetTask(TrackTask):
         location = self.locations[rows, :, extended].transpose(0, 2, 1, 3)  # (B, N, K, 2)
         rotation = np.stack([np.cos(yaw), -np.sin(yaw) * mirror, np.sin(yaw), np.cos(yaw) * mirror], 1)
         location = np.einsum("bnki,bji->bnkj", location + noise, rotation.reshape(-1, 2, 2)).astype(np.float32)
-        is_inside = (index >= 0) & (index <= LAST_FRAME)
-        reliable = self.data.reliable[rows, :, np.clip(index, 0, LAST_FRAME)].transpose(0, 2, 1) & is_inside[:, None]
+        last = self.data.last_frame
+        is_inside = (index >= 0) & (index <= last)
+        reliable = self.data.reliable[rows, :, np.clip(index, 0, last)].transpose(0, 2, 1) & is_inside[:, None]
         motion = {"location": torch.from_numpy(location), "reliable": torch.from_numpy(reliable)}
         return motion | self.targets(scenes, frames, location.shape[1])
 
@@ -117,7 +122,8 @@ class PropNetTask(TrackTask):
         motion, collision = [], []
         for step in range(1, self.config.rollout_steps + 1):
             positions, logits = network.predict(window, reliable, windows["static"], exists)
-            predicted, target = positions / LENGTH_WORLD, windows["location"][:, :, past - 1 + step] / LENGTH_WORLD
+            target = windows["location"][:, :, past - 1 + step] / network.length_world
+            predicted = positions / network.length_world
             error = F.smooth_l1_loss(predicted, target, beta=SMOOTH_L1_BETA, reduction="none").sum(-1)
             weight = (windows["reliable"][:, :, past - 1 + step] & exists).float()
             motion.append(LossTerm((error * weight).sum(), weight.sum()))
@@ -136,9 +142,14 @@ def main(argv: Sequence[str] | None = None) -> str:
     """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_training(DynamicsTraining, argv, "dynamics")
     mean_with = config.initial if config.mean_with_initial else ""
-    details = {"network": config.network}
+    kinds: dict[str, type[TrackTask]] = {
+        "propnet": PropNetTask,
+        "propnet_patches": PatchPropNetTask,
+        "propnet_images": ImagePropNetTask,
+    }
+    task = kinds[config.network](config)
+    details = {"network": config.network, **stored_world(task.world)}
     if config.network == "propnet":
-        return train_part("dynamics", PropNetTask(config), config, config.model, details, mean_with=mean_with)
-    task = PatchPropNetTask(config) if config.network == "propnet_patches" else ImagePropNetTask(config)
+        return train_part("dynamics", task, config, config.model, details, mean_with=mean_with)
     inputs = {"scenes": [len(task.data), len(task.held_out)]}
     return train_part("dynamics", task, config, config.patches, details, inputs, mean_with)

@@ -12,25 +12,25 @@ from torch import Tensor, nn
 
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.dynamics.propnet.data import MotionDataset, read_image_dataset
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, STEP_SCALE, ImagePropNet, PatchPropNet
+from nsdr.dynamics.propnet.patch_model import STEP_SCALE, ImagePropNet, PatchPropNet, box_scale
 from nsdr.dynamics.propnet.patch_predictor import ImagePropNetPredictor, PatchPropNetPredictor
 from nsdr.dynamics.propnet.patches import MAX_VALUE, patch_boxes
 from nsdr.training.loop import LossTerm
-from nsdr.training.track_task import LAST_FRAME, DynamicsTraining, TrackTask, joined, pair_loss
+from nsdr.training.track_task import DynamicsTraining, TrackTask, joined, pair_loss
 from nsdr.types import Event
 
 NOISE_PX_PER_WORLD = 50.0
 """Noise of boxes for a noise of one world unit in `DynamicsTraining.noise_world` (px per world unit)."""
 STEPS_AROUND_COLLISION = 2
 """Near a collision, the present is at most this many steps of `stride_frames` before or after it."""
-DRAWN_FROM_FRAME = 60
-"""Frame after which the patches of held-out scenes are drawn and compared."""
+DRAWN_FROM = 60 / 128
+"""Share of a video's frames after which the patches of held-out scenes are drawn and compared."""
 DRAWN_STEPS = (1, 5)
 """Steps after which drawn patches are compared."""
 
 
 class _Window(NamedTuple):
-    """What is drawn for one window: scene, present frame, noise (N, K, 4) in units of `BOX_SCALE` and mirroring (-1 or 1)."""
+    """What is drawn for one window: scene, present frame, noise (N, K, 4) in units of `box_scale` and mirroring (-1 or 1)."""
 
     scene: Any
     frame: Any
@@ -52,15 +52,14 @@ class PatchPropNetTask(TrackTask):
     box_weights: ClassVar[Sequence[float]] = (1.0, 1.0, 1.0, 1.0)
 
     def __init__(self, config: DynamicsTraining) -> None:
-        torch.manual_seed(config.loop.seed)
-        super().__init__(config, self.network(config))
+        super().__init__(config)
         self.margin = (config.patches.window - 1) * config.patches.stride_frames
         d = self.data
-        self.boxes = patch_boxes(d.location_world, d.box_px, d.reliable, self.margin).astype(np.float32)
+        self.boxes = _boxes(d, self.margin)
 
-    def network(self, config: DynamicsTraining) -> nn.Module:
+    def network(self) -> nn.Module:
         """The network, with random weights."""
-        return PatchPropNet(config.patches)
+        return PatchPropNet(self.config.patches, self.world)
 
     def draw(self, count: int, rng: np.random.Generator, step: int) -> list[_Window]:
         """Windows of scenes that have the same number of objects, as that of a random window."""
@@ -68,9 +67,9 @@ class PatchPropNetTask(TrackTask):
         near = STEPS_AROUND_COLLISION * c.stride_frames
         objects = int(self.object_count[self.draw_windows(1, rng, near, near)[0][0]])
         scenes, frames = self.draw_windows(count, rng, near, near, objects)
-        frames = np.clip(frames, 0, LAST_FRAME - c.stride_frames * steps)
+        frames = np.clip(frames, 0, self.data.last_frame - c.stride_frames * steps)
         noise_px = self.config.noise_world * NOISE_PX_PER_WORLD
-        noise = rng.normal(size=(count, objects, c.window + steps, 4)) * noise_px / np.array(BOX_SCALE)
+        noise = rng.normal(size=(count, objects, c.window + steps, 4)) * noise_px / np.array(box_scale(self.world))
         mirror = rng.choice([-1.0, 1.0], count)
         return [_Window(*choices) for choices in zip(scenes, frames, noise, mirror, strict=True)]
 
@@ -78,7 +77,7 @@ class PatchPropNetTask(TrackTask):
         """Windows of B scenes with N objects each; K = window + rollout_steps samples.
 
         Returns:
-            boxes: (B, N, K, 4) float32, noisy, in units of `BOX_SCALE`.
+            boxes: (B, N, K, 4) float32, noisy, in units of `box_scale`.
             reliable: (B, N, K) bool.
             static, exists, until: see `targets`.
         """
@@ -146,9 +145,9 @@ class ImagePropNetTask(PatchPropNetTask):
     predicted = {"boxes": "motion", "patches": "image"}  # noqa: RUF012
     box_weights = (5.0, 5.0, 0.25, 0.25)
 
-    def network(self, config: DynamicsTraining) -> nn.Module:
+    def network(self) -> nn.Module:
         """The network, with random weights."""
-        return ImagePropNet(config.patches)
+        return ImagePropNet(self.config.patches, self.world)
 
     def read(self) -> MotionDataset:
         """The scenes of the data set; their patches are kept beside them."""
@@ -185,10 +184,11 @@ class ImagePropNetTask(PatchPropNetTask):
         """Mean absolute errors (0-1) of patches `DRAWN_STEPS` later: of those drawn, and of the last one seen (`_kept`)."""
         c, h, found = self.config.patches, self.held_out, defaultdict[str, list[float]](list)
         device = next(model.parameters()).device
-        every = DRAWN_FROM_FRAME + np.arange(1 - c.window, 1 + max(DRAWN_STEPS)) * c.stride_frames
-        all_boxes = patch_boxes(h.location_world, h.box_px, h.reliable, 0).astype(np.float32)
+        first = round(DRAWN_FROM * (h.last_frame + 1))
+        every = first + np.arange(1 - c.window, 1 + max(DRAWN_STEPS)) * c.stride_frames
+        all_boxes = _boxes(h, 0)
         for i in range(len(h)):
-            here = np.flatnonzero(h.exists[i] & h.present[i, :, DRAWN_FROM_FRAME] & h.reliable[i][:, every].all(1))
+            here = np.flatnonzero(h.exists[i] & h.present[i, :, first] & h.reliable[i][:, every].all(1))
             if not len(here):
                 continue
             true = torch.from_numpy(self._patches(h.scene[i])[here][:, every]).to(device).float()[None] / MAX_VALUE
@@ -204,3 +204,9 @@ class ImagePropNetTask(PatchPropNetTask):
                     found[f"image_error_{step}"].append(float((drawn - target).abs().mean()))
                     found[f"image_error_{step}_kept"].append(float((true[:, :, c.window - 1] - target).abs().mean()))
         return {name: float(np.mean(values)) for name, values in found.items()}
+
+
+def _boxes(data: MotionDataset, margin: int) -> NDArray[np.float32]:
+    """(S, N, margin + F, 4) the boxes of a data set, as `patch_boxes` makes them."""
+    of_data = data.location_world, data.heights(), data.box_px, data.reliable
+    return patch_boxes(*of_data, margin, data.world).astype(np.float32)

@@ -23,7 +23,7 @@ from nsdr.io.checkpoint import start_from
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out
 from nsdr.types import Event
 from nsdr.validation import Count, NotNegative, PositiveCount, Settings, expect
-from nsdr.world.physics_constants import VIDEO_FRAMES
+from nsdr.world.world import CLEVRER_WORLD
 
 HELD_OUT_EVERY = 40
 """Scenes whose index is divisible by this number are kept out of training, for evaluation: the index alone decides, so that no
@@ -32,8 +32,6 @@ NEAR_COLLISION_SHARE = 0.5
 """Share of each batch whose present is drawn close to a collision; the others are drawn uniformly."""
 FIRST_PRESENT_FRAME = 4
 """First frame that is drawn as a window's present."""
-LAST_FRAME = VIDEO_FRAMES - 1
-"""Index of a video's last frame."""
 ROLLOUT_SCENES = 30
 """Number of held-out scenes whose rollouts are measured."""
 
@@ -71,7 +69,7 @@ class DynamicsTraining(Settings):
     mean_with_initial: bool = False
     limit: Count = 0
     data: str = ""
-    rollout_steps: Annotated[int, Meta(ge=1, le=VIDEO_FRAMES)] = 5
+    rollout_steps: Annotated[int, Meta(ge=1, le=CLEVRER_WORLD.timeline.frames)] = 5
     noise_world: NotNegative = 0.003
     evaluation_scenes: PositiveCount = 100
     network: Literal["propnet", "propnet_patches", "propnet_images"] = "propnet"
@@ -97,20 +95,29 @@ class TrackTask(Task):
 
     Args:
         config: the training.
-        network: what is trained; starts from `config.initial` where that is given.
+
+    Attributes:
+        model: what is trained; starts from `config.initial` where that is given.
+        world: the world that the scenes are of.
     """
 
-    def __init__(self, config: DynamicsTraining, network: nn.Module) -> None:
+    def __init__(self, config: DynamicsTraining) -> None:
         self.config = config
-        if config.initial:
-            start_from(network, config.initial, "dynamics")
-        self.model: nn.Module = network
         data = self.read()
+        self.world = data.world
+        torch.manual_seed(config.loop.seed)
+        self.model = self.network()
+        if config.initial:
+            start_from(self.model, config.initial, "dynamics")
         is_held_out = held_out(data.scene, HELD_OUT_EVERY, config.data or config.proposals)
         self.data: MotionDataset = data.subset(~is_held_out)
         self.held_out: MotionDataset = data.subset(np.flatnonzero(is_held_out)[: config.evaluation_scenes])
         self.object_count = self.data.exists.sum(1)
         self.collisions = np.argwhere(np.triu(self.data.collision_frame, 1) > 0)
+
+    def network(self) -> nn.Module:
+        """The network, with random weights."""
+        raise NotImplementedError
 
     def read(self) -> MotionDataset:
         """The scenes to train and evaluate on; kept in the run's folder, so that a resumed run need not make them again."""
@@ -133,7 +140,7 @@ class TrackTask(Task):
         is_drawn = self.object_count == objects if objects else np.ones(len(self.data), bool)
         pool, collisions = np.flatnonzero(is_drawn), self.collisions[is_drawn[self.collisions[:, 0]]]
         scenes = pool[rng.integers(len(pool), size=size)]
-        frames = rng.integers(FIRST_PRESENT_FRAME, LAST_FRAME, size=size)
+        frames = rng.integers(FIRST_PRESENT_FRAME, self.data.last_frame, size=size)
         if not len(collisions):
             return scenes, frames
         near = rng.random(size) < NEAR_COLLISION_SHARE
@@ -146,7 +153,7 @@ class TrackTask(Task):
         """What windows of scenes (B,) with present frames (B,) have beside their motion, of the first n objects.
 
         Returns:
-            static: (B, n, 5) float32, one-hot shape and material.
+            static: (B, n, `feature_count`) float32, one-hot shape and material.
             exists: (B, n) bool, objects that are present.
             until: (B, n, n) int64, frames from the present to the pair's collision, negative after it.
         """

@@ -1,7 +1,7 @@
 """A world as one value: its words, its physics, time in its videos, and the camera. The defaults are CLEVRER's."""
 
-from dataclasses import dataclass, field, fields
-from typing import NamedTuple
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, NamedTuple
 
 from nsdr.errors import DataError
 from nsdr.validation import Checked
@@ -88,13 +88,27 @@ class World(Checked):
         return self.physics.table_half_width_world - max(shape.half_width_world for shape in self.vocabulary.shapes)
 
     def differences(self, other: "World") -> list[str]:
-        """Names of the values that differ between two worlds, such as "physics.gravity"; that of the world is not compared."""
-        found = []
-        for section in fields(self)[1:]:
-            mine, others = getattr(self, section.name), getattr(other, section.name)
-            differing = [f.name for f in fields(mine) if getattr(mine, f.name) != getattr(others, f.name)]
-            found += [f"{section.name}.{name}" for name in differing]
-        return found
+        """Names of the values that differ between two worlds, such as "physics.gravity" or "vocabulary.shapes.friction".
+
+        Not compared are the name, and what only generated videos depend on: `look` and `layout`.
+        """
+        found = [
+            _differing(name, getattr(self, name), getattr(other, name))
+            for name in ("vocabulary", "physics", "timeline", "camera")
+        ]
+        return [name for names in found for name in names]
+
+
+def _differing(name: str, mine: Any, others: Any) -> list[str]:
+    """Names of the values that differ between two of a world's values, in the order of its fields."""
+    if mine == others:
+        return []
+    if is_dataclass(mine):
+        pairs = [(f.name, getattr(mine, f.name), getattr(others, f.name)) for f in fields(mine)]
+        return [one for field_, a, b in pairs for one in _differing(f"{name}.{field_}", a, b)]
+    if isinstance(mine, tuple) and len(mine) == len(others) and all(map(is_dataclass, mine)):
+        return list(dict.fromkeys(one for a, b in zip(mine, others, strict=True) for one in _differing(name, a, b)))
+    return [name]
 
 
 def _measures(world: World) -> tuple[float, ...]:
@@ -105,6 +119,26 @@ def _measures(world: World) -> tuple[float, ...]:
 
 
 CLEVRER_WORLD = World()
+ANY_WORDS = (
+    "vocabulary.colors.synonyms",
+    "vocabulary.materials.synonyms",
+    "vocabulary.shapes.synonyms",
+    "vocabulary.shapes.adjectives",
+    "vocabulary.shapes.plural",
+)
+"""Beginnings of the names of values on which texts alone depend."""
+ANY_PLACE = ("camera.eye_world", "camera.target_world", "camera.lens_mm")
+"""Those on which the camera's view depends."""
+ANY_LOOK = (
+    *ANY_WORDS,
+    "vocabulary.colors",
+    "vocabulary.materials.metallic",
+    "vocabulary.materials.roughness",
+    "physics.moving_speed_world_per_s",
+    "timeline.",
+    "camera.",
+)
+"""Those on which no motion depends."""
 
 
 def check_as_clevrer(world: World, what: str, free: tuple[str, ...] = ("vocabulary.colors", "camera.")) -> None:

@@ -8,19 +8,19 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from nsdr.dynamics.collisions.features import (
-    OBJECT_CHANNELS,
+    MOTION_CHANNELS,
     PAIR_CHANNELS,
     NetworkInputs,
     arrays_from_states,
     near_pairs,
     network_inputs,
 )
-from nsdr.dynamics.motion_states import MotionStates
+from nsdr.dynamics.motion_states import MotionStates, feature_count
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
 from nsdr.types import Event
 from nsdr.validation import Settings, Size
-from nsdr.world.world import check_as_clevrer
+from nsdr.world.world import ANY_LOOK, CLEVRER_WORLD, World
 
 STEP_FRAMES = 2
 """Number of frames in a step of the output."""
@@ -54,13 +54,17 @@ class CollisionNetwork(nn.Module):
 
     A change of an object's velocity is no evidence for a collision if another collision explains it. So pairs send messages to
     their objects, and objects send messages to their pairs.
+
+    Args:
+        config: sizes.
+        world: the world that it is trained for.
     """
 
-    def __init__(self, config: CollisionNetworkConfig) -> None:
+    def __init__(self, config: CollisionNetworkConfig, world: World = CLEVRER_WORLD) -> None:
         super().__init__()
-        self.config = config
-        width = config.width
-        self.of_object = nn.Conv1d(OBJECT_CHANNELS, width, KERNEL, STEP_FRAMES, KERNEL // 2)
+        self.config, self.world = config, world
+        width, channels = config.width, MOTION_CHANNELS + feature_count(world.vocabulary)
+        self.of_object = nn.Conv1d(channels, width, KERNEL, STEP_FRAMES, KERNEL // 2)
         self.of_pair = nn.Conv1d(PAIR_CHANNELS, width, KERNEL, STEP_FRAMES, KERNEL // 2)
         self.objects = nn.Sequential(*(_Block(width, d) for d in config.object_dilations))
         self.to_pair = nn.Conv1d(2 * width, width, 1)
@@ -110,6 +114,7 @@ class TrackCollisionDetector(PretrainedPart[CollisionNetwork]):
     """
 
     part = "collisions"
+    free = ANY_LOOK
     built_from = (CollisionNetworkConfig, CollisionNetwork)
 
     def __init__(self, model: CollisionNetwork) -> None:
@@ -118,13 +123,18 @@ class TrackCollisionDetector(PretrainedPart[CollisionNetwork]):
     @limit_threads(1)
     @torch.no_grad()
     def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
-        """For every pair that comes near each other, its most probable collision and its probability, in order of frames."""
-        check_as_clevrer(states.world, "the collision network")
-        pairs = near_pairs(states.location_world)
+        """For every pair that comes near each other, its most probable collision and its probability, in order of frames.
+
+        Raises:
+            DataError: the network was trained for another world.
+        """
+        self.check_world(states.world)
+        arrays, scales = arrays_from_states(states), states.world.scales
+        pairs = near_pairs(arrays.location_world, arrays.radius, scales)
         if not len(pairs):
             return []
         frames, device = states.present.shape[1], self.device
-        inputs = NetworkInputs(*(x.to(device) for x in network_inputs(arrays_from_states(states), pairs)))
+        inputs = NetworkInputs(*(x.to(device) for x in network_inputs(arrays, pairs, scales)))
         logits = self.model(inputs).cpu().double()
         log_total = logits.logsumexp(1)
         share = logits.softmax(1).numpy()

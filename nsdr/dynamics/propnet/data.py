@@ -1,7 +1,7 @@
 """Training data of the propagation networks: tracks or patches of videos, with the true collisions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,10 @@ from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.reading import read_npz
 from nsdr.io.video import read_frames
+from nsdr.io.worlds import world_in
 from nsdr.tracking.tracker import track
 from nsdr.types import Event, SceneObject
-from nsdr.world.physics_constants import VIDEO_FRAMES
-from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+from nsdr.world.world import World
 
 Row = dict[str, NDArray[Any]]
 """Entries of one scene in a `MotionDataset`, by the names of its attributes."""
@@ -35,14 +35,14 @@ DATA_VERSION = 1
 MIN_OBJECTS = 2
 """Scenes with fewer tracked objects are skipped, because they have no pairs."""
 MAX_OBJECTS = 7
-"""Scenes with more tracked objects are skipped. Arrays are padded to this number of objects."""
+"""Scenes with more tracked objects are skipped, unless the world has scenes with more. Arrays are padded to this number."""
 NO_COLLISION = -1000
 """Entry of `MotionDataset.collision_frame` for pairs that do not collide: a frame that no window reaches."""
 
 
 @dataclass(frozen=True)
 class MotionDataset:
-    """Motion of S scenes over F frames, padded to N = `MAX_OBJECTS` objects.
+    """Motion of S scenes of one world over F frames, padded to N objects: `MAX_OBJECTS`, or the world's most objects.
 
     Attributes:
         scene: (S,) int, index of the video.
@@ -50,10 +50,11 @@ class MotionDataset:
         detected: (S, N, F) bool, whether the object was detected in the frame.
         reliable: (S, N, F) bool, whether it was detected, not cut by the image border and not hidden.
         present: (S, N, F) bool, whether the frame is between the first and the last detection of the object.
-        static: (S, N, 5) float32, one-hot shape (3) and material (2).
+        static: (S, N, `feature_count`) float32, one-hot shape and material.
         exists: (S, N) bool, whether the entry is an object; False for padding.
         box_px: (S, N, F, 4) float32, centre (column, row), width and height of the box (pixels).
         collision_frame: (S, N, N) int, frame of the collision of each pair, symmetric; `NO_COLLISION` if it does not collide.
+        world: the world that the scenes are of.
     """
 
     scene: NDArray[Any]
@@ -65,25 +66,35 @@ class MotionDataset:
     exists: NDArray[Any]
     box_px: NDArray[Any]
     collision_frame: NDArray[Any]
+    world: World
 
     @classmethod
-    def of(cls, rows: Sequence[Row]) -> "MotionDataset":
+    def of(cls, rows: Sequence[Row], world: World) -> "MotionDataset":
         """A data set of the scenes with these rows, which `_row` makes."""
-        return cls(**{name: np.stack([row[name] for row in rows]) for name in cls.__dataclass_fields__})
+        return cls(**{name: np.stack([row[name] for row in rows]) for name in ARRAYS}, world=world)
 
     def __len__(self) -> int:
         return len(self.scene)
 
     def subset(self, picked: NDArray[Any]) -> "MotionDataset":
         """The scenes at the indices `picked` (K,), or where the mask `picked` (S,) is true."""
-        return MotionDataset(*(getattr(self, name)[picked] for name in self.__dataclass_fields__))
+        return replace(self, **{name: getattr(self, name)[picked] for name in ARRAYS})
+
+    @property
+    def last_frame(self) -> int:
+        """Index of a video's last frame."""
+        return self.present.shape[2] - 1
 
     def states(self, index: int) -> tuple[MotionStates, list[Event]]:
-        """The motion states of one scene without padding, and its true collisions. As colours are not stored, all are gray."""
+        """The motion states of one scene without padding, and its true collisions.
+
+        As colours are not stored, all are the world's first: gray in CLEVRER.
+        """
         n = int(self.exists[index].sum())
-        shape = self.static[index, :n, : len(SHAPES)].argmax(1)
-        material = self.static[index, :n, len(SHAPES) :].argmax(1)
-        objects = tuple(SceneObject(i, COLORS[0], MATERIALS[material[i]], SHAPES[shape[i]]) for i in range(n))
+        colors, materials, shapes = self.world.vocabulary.words.values()
+        shape = self.static[index, :n, : len(shapes)].argmax(1)
+        material = self.static[index, :n, len(shapes) :].argmax(1)
+        objects = tuple(SceneObject(i, colors[0], materials[material[i]], shapes[shape[i]]) for i in range(n))
         detected, reliable = self.detected[index, :n], self.reliable[index, :n]
         frames = self.collision_frame[index]
         events = [
@@ -94,7 +105,17 @@ class MotionDataset:
         ]
         location = self.location_world[index, :n].astype(float)
         box = self.box_px[index, :n].astype(float)
-        return MotionStates(objects, location, detected, reliable, self.present[index, :n], box), events
+        states = MotionStates(objects, location, detected, reliable, self.present[index, :n], box, world=self.world)
+        return states, events
+
+    def heights(self) -> NDArray[Any]:
+        """(S, N) heights of the objects' centres (world units); 0 for padding."""
+        shapes = self.world.vocabulary.shapes
+        return np.asarray(self.static[..., : len(shapes)] @ np.array([shape.height_world for shape in shapes]))
+
+
+ARRAYS = tuple(name for name in MotionDataset.__dataclass_fields__ if name != "world")
+"""The arrays of a `MotionDataset`."""
 
 
 def read_motion_dataset(
@@ -114,9 +135,10 @@ def read_motion_dataset(
     """
     made_from = fingerprint(inputs=[Path(proposals), Path(truth)], config=[DATA_VERSION, tracking.VERSION, limit])
     kept = None if cache is None else _kept(Path(cache), made_from)
-    if kept is not None and kept.keys() == MotionDataset.__dataclass_fields__.keys():
-        return MotionDataset(**kept)
     blocks, rows = read_truth(truth), list[Row]()
+    world = world_in(next(iter(blocks.values())), f"{truth}: ")
+    if kept is not None and kept.keys() == set(ARRAYS):
+        return MotionDataset(**kept, world=world)
     lengths = {video: block["n_frames"] for video, block in blocks.items()}
     for video, video_proposals in tqdm(
         read_compact_proposals(proposals, lengths), total=limit or len(blocks), desc="tracks", unit="video"
@@ -127,18 +149,25 @@ def read_motion_dataset(
             raise DataError(
                 f"{truth}: has no video {video}, which {proposals} has; make both by one `nsdr data motion`"
             )
-        if blocks[video]["n_frames"] == VIDEO_FRAMES:
+        if blocks[video]["n_frames"] == world.timeline.frames:
             states = states_from_tracks(track(video_proposals))
-            if MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
+            if MIN_OBJECTS <= len(states.objects) <= most_objects(world):
                 rows.append(_row(video, states, blocks[video]))
     if not rows:
-        raise DataError(
-            f"{proposals}: holds no video of {VIDEO_FRAMES} frames with {MIN_OBJECTS} to {MAX_OBJECTS} objects"
-        )
-    data = MotionDataset.of(rows)
+        raise DataError(f"{proposals}: holds no video {_usable(world)}")
+    data = MotionDataset.of(rows, world)
     if cache is not None:
-        _keep(Path(cache), made_from, vars(data))
+        _keep(Path(cache), made_from, {name: getattr(data, name) for name in ARRAYS})
     return data
+
+
+def most_objects(world: World) -> int:
+    """Number of objects to which the arrays of a world's scenes are padded; scenes with more are skipped."""
+    return max(MAX_OBJECTS, world.layout.most_objects)
+
+
+def _usable(world: World) -> str:
+    return f"of {world.timeline.frames} frames with {MIN_OBJECTS} to {most_objects(world)} objects"
 
 
 def read_image_dataset(
@@ -172,10 +201,9 @@ def read_image_dataset(
             files.append(patch_file)
     if not rows:
         raise DataError(
-            f"{root}: holds no train video of {VIDEO_FRAMES} frames with {MIN_OBJECTS} to {MAX_OBJECTS} objects; make some "
-            "with `nsdr generate dataset --config preview`"
+            f"{root}: holds no train video {_usable(split.world)}; make some with `nsdr generate dataset --config preview`"
         )
-    return MotionDataset.of(rows), files
+    return MotionDataset.of(rows, split.world), files
 
 
 def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: PatchPropNetConfig) -> Row:
@@ -189,7 +217,8 @@ def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: P
     proposals, row = split.proposals(index), {}
     tracks = track(proposals)
     states = states_from_tracks(tracks)
-    if proposals.n_frames == VIDEO_FRAMES and MIN_OBJECTS <= len(states.objects) <= MAX_OBJECTS:
+    fits = MIN_OBJECTS <= len(states.objects) <= most_objects(states.world)
+    if fits and proposals.n_frames == states.world.timeline.frames:
         patches = object_patches(VideoPixels(read_frames(video), proposals, tracks), states, config)
         with atomic_path(patch_file) as temporary, open(temporary, "wb") as file:
             np.save(file, patches)
@@ -215,16 +244,15 @@ def _keep(path: Path, made_from: str, arrays: Row) -> None:
 
 def _row(video: int, states: MotionStates, block: dict[str, Any]) -> Row:
     """The padded entries of one scene in a `MotionDataset`. True objects are matched to tracks by their attributes."""
-    n = len(states.objects)
-    pad = MAX_OBJECTS - n
+    n, most = len(states.objects), most_objects(states.world)
 
     def padded(values: NDArray[Any]) -> NDArray[Any]:
-        """Values (n, ...) padded to `MAX_OBJECTS` rows."""
-        return np.pad(values, [(0, pad)] + [(0, 0)] * (values.ndim - 1))
+        """Values (n, ...) padded to `most` rows."""
+        return np.pad(values, [(0, most - n)] + [(0, 0)] * (values.ndim - 1))
 
     track_of = {o.name: o.id for o in states.objects}
     names = {o["id"]: f"{o['color']} {o['material']} {o['shape']}" for o in block["objects"]}
-    collision = np.full((MAX_OBJECTS, MAX_OBJECTS), NO_COLLISION, np.int16)
+    collision = np.full((most, most), NO_COLLISION, np.int16)
     for event in block["collisions"]:
         pair = [track_of.get(names[i], -1) for i in event["object"]]
         if min(pair) >= 0:
@@ -235,7 +263,7 @@ def _row(video: int, states: MotionStates, block: dict[str, Any]) -> Row:
         "detected": padded(states.detected),
         "reliable": padded(states.reliable),
         "present": padded(states.present),
-        "static": padded(object_features(states.objects)),
+        "static": padded(object_features(states.objects, states.world.vocabulary)),
         "exists": padded(np.ones(n, bool)),
         "box_px": padded(states.box_px.astype(np.float32)),
         "collision_frame": collision,

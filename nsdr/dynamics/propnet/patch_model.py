@@ -7,21 +7,20 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from nsdr.dynamics.motion_states import STATIC_FEATURES
+from nsdr.dynamics.motion_states import feature_count
 from nsdr.dynamics.propnet.layers import PropagationNetwork
 from nsdr.errors import DataError
 from nsdr.validation import Positive, Settings, Share, Size
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.world import CLEVRER_WORLD, World
 
 PATCH_CHANNELS = 4
 """Number of channels of a patch: red, green, blue and the mask."""
-BOX_SCALE = (WIDTH_PX / 2, HEIGHT_PX / 2, 50.0, 50.0)
-"""Units of boxes (column, row, width, height) in pixels. Centres are relative to the centre of the image, so values are about
--1 to 1."""
+BOX_PX = 50.0
+"""Unit of the widths and heights of boxes (pixels of CLEVRER's images)."""
 STEP_SCALE = 0.1
-"""Unit of displacements in a time step: about that of a fast object (units of `BOX_SCALE`)."""
+"""Unit of displacements in a time step: about that of a fast object (units of `box_scale`)."""
 REACH = 0.3
-"""Unit of the displacement from one object to another (units of `BOX_SCALE`)."""
+"""Unit of the displacement from one object to another (units of `box_scale`)."""
 MAX_REACH = 5.0
 """Limit to which displacements between objects are clamped (units of `REACH`)."""
 DOWNSAMPLING = 8
@@ -54,6 +53,15 @@ class PatchPropNetConfig(Settings):
     cell_px: Positive = 4.0
     channels: tuple[Size, Size, Size] = (16, 32, 64)
     collision_threshold: Share = 0.3
+
+
+def box_scale(world: World) -> tuple[float, float, float, float]:
+    """Units of boxes (column, row, width, height) in pixels.
+
+    Centres are relative to the centre of the image, so values are about -1 to 1.
+    """
+    side = BOX_PX * world.scales.px
+    return world.camera.width / 2, world.camera.height / 2, side, side
 
 
 class PatchEncoder(nn.Module):
@@ -99,13 +107,22 @@ class PatchDecoder(nn.Module):
 
 
 class PatchNetwork(nn.Module):
-    """The common part of both networks on patches: the configuration, and the features of motion and pairs."""
+    """The common part of both networks on patches: the configuration, and the features of motion and pairs.
 
-    def __init__(self, config: PatchPropNetConfig) -> None:
+    Args:
+        config: sizes and time steps.
+        world: the world that it is trained for.
+
+    Attributes:
+        box_scale: units of boxes, see `box_scale`.
+    """
+
+    def __init__(self, config: PatchPropNetConfig, world: World = CLEVRER_WORLD) -> None:
         super().__init__()
-        self.config = config
+        self.config, self.world, self.box_scale = config, world, box_scale(world)
+        self.static_features = feature_count(world.vocabulary)
         self.motion_features = 2 * (config.window - 1)
-        self.pair_features = 2 * config.window + self.motion_features + 2 * STATIC_FEATURES
+        self.pair_features = 2 * config.window + self.motion_features + 2 * self.static_features
 
     def _features(self, boxes: Tensor, static: Tensor) -> tuple[Tensor, Tensor]:
         """Displacements between samples (B, N, `motion_features`), and features of pairs (B, N, N, `pair_features`)."""
@@ -126,9 +143,9 @@ class PatchPropNet(PatchNetwork):
     sees.
     """
 
-    def __init__(self, config: PatchPropNetConfig) -> None:
-        super().__init__(config)
-        own = 2 * config.window + 2 + self.motion_features + STATIC_FEATURES
+    def __init__(self, config: PatchPropNetConfig, world: World = CLEVRER_WORLD) -> None:
+        super().__init__(config, world)
+        own = 2 * config.window + 2 + self.motion_features + self.static_features
         self.object_encoder = PatchEncoder(config.window, own, config)
         self.relation_encoder = PatchEncoder(2 * config.window, self.pair_features, config)
         steps = config.propagation_steps
@@ -138,8 +155,8 @@ class PatchPropNet(PatchNetwork):
         """Predict one step.
 
         Args:
-            boxes: (B, N, window, 4) boxes, the present last (units of `BOX_SCALE`).
-            static: (B, N, 5) one-hot shape and material.
+            boxes: (B, N, window, 4) boxes, the present last (units of `box_scale`).
+            static: (B, N, `static_features`) one-hot shape and material.
             exists: (B, N) bool, whether each object exists.
 
         Returns:
@@ -161,7 +178,7 @@ class PatchPropNet(PatchNetwork):
     def _masks(self, boxes: Tensor, around: Tensor) -> Tensor:
         """The share of each cell (..., window, cells, cells) that the box covers, in patches centred on `around`."""
         c = self.config
-        scale = torch.tensor(BOX_SCALE, device=boxes.device)
+        scale = torch.tensor(self.box_scale, device=boxes.device)
         centre, half = boxes[..., :2] * scale[:2], boxes[..., 2:] * scale[2:] / 2
         edge = (torch.arange(c.patch_cells, device=boxes.device) - c.patch_cells / 2) * c.cell_px
         covered = []
@@ -185,14 +202,14 @@ class ImagePropNet(PatchNetwork):
     the next patch; the relation predictor also predicts collisions in the steps of the window.
     """
 
-    def __init__(self, config: PatchPropNetConfig) -> None:
-        super().__init__(config)
+    def __init__(self, config: PatchPropNetConfig, world: World = CLEVRER_WORLD) -> None:
+        super().__init__(config, world)
         if config.patch_cells % DOWNSAMPLING:
             raise DataError(
                 f"patch_cells: expected a multiple of {DOWNSAMPLING} for a network on images, got {config.patch_cells}"
             )
         seen = PATCH_CHANNELS * config.window
-        own, pair = 4 * config.window + self.motion_features + STATIC_FEATURES, self.pair_features
+        own, pair = 4 * config.window + self.motion_features + self.static_features, self.pair_features
         self.object_encoder = PatchEncoder(seen + own, own, config)
         self.relation_encoder = PatchEncoder(2 * seen + pair, pair, config)
         sizes = 4 + config.hidden, config.window, config.hidden, config.propagation_steps
@@ -203,9 +220,9 @@ class ImagePropNet(PatchNetwork):
         """Predict one step.
 
         Args:
-            boxes: (B, N, window, 4) boxes, the present last (units of `BOX_SCALE`).
+            boxes: (B, N, window, 4) boxes, the present last (units of `box_scale`).
             patches: (B, N, window, 4, cells, cells) red, green, blue and mask around the centre of each box, from 0 to 1.
-            static: (B, N, 5) one-hot shape and material.
+            static: (B, N, `static_features`) one-hot shape and material.
             exists: (B, N) bool, whether each object exists.
 
         Returns:
@@ -229,7 +246,7 @@ class ImagePropNet(PatchNetwork):
         """Patches (B, N, N, window * 4, cells, cells) of each sender, cut at the receiver's position in the same sample."""
         b, n, window = patches.shape[:3]
         cells, cell_px = self.config.patch_cells, self.config.cell_px
-        scale = torch.tensor(BOX_SCALE[:2], device=centre.device)
+        scale = torch.tensor(self.box_scale[:2], device=centre.device)
         # Position of the receiver's patch relative to that of the sender, in units of half a patch.
         shift = (centre[:, :, None] - centre[:, None]) * scale / (cells * cell_px / 2)
         middles = (torch.arange(cells, device=centre.device) + 0.5) / cells * 2 - 1

@@ -13,22 +13,21 @@ from nsdr.dynamics.base import Explanation
 from nsdr.dynamics.motion_states import MotionStates, object_features
 from nsdr.dynamics.propnet.explanation import NetworkExplanation
 from nsdr.dynamics.propnet.patch_model import (
-    BOX_SCALE,
     PATCH_CHANNELS,
     ImagePropNet,
     PatchNetwork,
     PatchPropNet,
     PatchPropNetConfig,
+    box_scale,
 )
-from nsdr.dynamics.propnet.patches import MAX_VALUE, object_patches, patch_boxes
+from nsdr.dynamics.propnet.patches import MAX_VALUE, boxes_of, object_patches
 from nsdr.dynamics.track_smoothing import rollout_in_image, smooth_tracks, with_smoothed_tracks
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import exact_convolutions, limit_threads
 from nsdr.types import Event, Rollout
 from nsdr.validation import BoolArray, FloatArray
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.world import check_as_clevrer
+from nsdr.world.world import ANY_LOOK, ANY_PLACE
 
 
 class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
@@ -47,6 +46,7 @@ class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
     part = "dynamics"
     built_from: ClassVar[tuple[type, type[nn.Module]]] = (PatchPropNetConfig, PatchPropNet)
     name = default_checkpoint = "propnet_patches"
+    free = tuple(name for name in ANY_LOOK if name != "camera.") + ANY_PLACE
 
     def __init__(self, model: PatchNetwork) -> None:
         self.model = model.eval()
@@ -54,8 +54,12 @@ class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
 
     @limit_threads(1)
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
-        """Detect the collisions in the video unless they are given; see `nsdr.dynamics.Dynamics`."""
-        check_as_clevrer(states.world, "the network")
+        """Detect the collisions in the video unless they are given; see `nsdr.dynamics.Dynamics`.
+
+        Raises:
+            DataError: the network was trained for another world.
+        """
+        self.check_world(states.world)
         observed = self.observed_collisions(states) if collisions is None else collisions
         smoothed = smooth_tracks(states, observed)
 
@@ -114,8 +118,7 @@ class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
 
         The `margin` frames before the video are those to which the window of the first frame reaches back.
         """
-        margin = (self.config.window - 1) * self.config.stride_frames
-        return patch_boxes(states.location_world, states.box_px, states.reliable, margin, states.camera)
+        return boxes_of(states, (self.config.window - 1) * self.config.stride_frames)
 
     def _window(self, known: FloatArray, t: int) -> FloatArray:
         """The window (n, window, K) of samples that ends at frame t."""
@@ -131,7 +134,7 @@ class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
             states: motion states of the objects.
             here: (C, n) bool, whether each object is there.
         """
-        static = torch.from_numpy(object_features(states.objects)).expand(len(window), -1, -1)
+        static = torch.from_numpy(object_features(states.objects, states.world.vocabulary)).expand(len(window), -1, -1)
         inputs = (torch.from_numpy(window.astype(np.float32)), static, torch.from_numpy(here.copy()))
         following, logits = (x.float().cpu() for x in self._network(*(x.to(self.device) for x in inputs)))
         possible = here[:, :, None] & here[:, None]
@@ -196,8 +199,12 @@ class PatchPropNetPredictor(PretrainedPart[PatchNetwork]):
                 boxes[here, t + k] = (window[here, -1, :4] * (stride - k) + following[here, :4] * k) / stride
             predictions.append(probability)
             window = np.concatenate([window[:, :, 1:], following[:, :, None]], 2)
-        pixels = boxes[:, :, :total, :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
-        location = states.camera.ground(np.nan_to_num(pixels, nan=-1.0))
+        middle = np.array(box_scale(states.world)[:2])
+        pixels = boxes[:, :, :total, :2] * middle + middle
+        location = np.empty_like(pixels)
+        for i, o in enumerate(states.objects):
+            height = states.world.vocabulary.shape(o.shape).height_world
+            location[:, i] = states.camera.ground(np.nan_to_num(pixels[:, i], nan=-1.0), height)
         location[np.isnan(pixels).any(-1)] = np.nan
         shapes = [states.world.vocabulary.shape(o.shape) for o in states.objects]
         inside = np.stack([rollout_in_image(shapes, location[k], states.camera) for k in range(n_rollouts)])

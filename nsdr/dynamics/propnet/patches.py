@@ -4,28 +4,30 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pycocotools import mask as rle
 
 from nsdr.dynamics.motion_states import MotionStates, VideoPixels, extrapolate
-from nsdr.dynamics.propnet.patch_model import BOX_SCALE, PATCH_CHANNELS, PatchPropNetConfig
+from nsdr.dynamics.propnet.patch_model import PATCH_CHANNELS, PatchPropNetConfig, box_scale
 from nsdr.errors import DataError
 from nsdr.tracking.tracker import rows_of
 from nsdr.validation import FloatArray
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
+from nsdr.world.camera import on_ground
+from nsdr.world.world import World
 
 FAR = 3.0
-"""Limit to which the coordinates of boxes are clamped (units of `BOX_SCALE`)."""
+"""Limit to which the coordinates of boxes are clamped (units of `box_scale`)."""
 MAX_VALUE = 255
 """Value of a cell that the mask covers completely."""
 
 
 def patch_boxes(
     location_world: FloatArray,
+    height_world: ArrayLike,
     box_px: FloatArray,
     reliable: NDArray[np.bool_],
     margin: int,
-    camera: Camera = CLEVRER_CAMERA,
+    world: World,
 ) -> FloatArray:
     """The boxes that objects would have if nothing hid them.
 
@@ -34,24 +36,32 @@ def patch_boxes(
 
     Args:
         location_world: (..., F, 2) positions on the ground (world units).
+        height_world: (...) heights of the centres, or one number for all (world units).
         box_px: (..., F, 4) centre (column, row), width and height of the boxes, as in `MotionStates`.
         reliable: (..., F) bool, whether each detection is reliable.
         margin: number of frames before the video, into which the motion is continued in a straight line.
-        camera: the camera that took the video.
+        world: the world that the video is of.
 
     Returns:
-        (..., margin + F, 4) boxes in units of `BOX_SCALE`.
+        (..., margin + F, 4) boxes in units of `box_scale`.
     """
     position = extrapolate(location_world, margin)[..., : margin + location_world.shape[-2], :]
-    pixels = camera.pixels(on_ground(position))
+    pixels = world.camera.pixels(on_ground(position, np.asarray(height_world)[..., None]))
+    scale = box_scale(world)
     every, size = np.arange(-margin, box_px.shape[-2]), np.zeros((*pixels.shape[:-1], 2))
     for index in np.ndindex(*reliable.shape[:-1]):
         seen = np.flatnonzero(reliable[index])
         seen = seen if len(seen) else np.arange(box_px.shape[-2])
         for axis in range(2):
             size[(*index, slice(None), axis)] = np.interp(every, seen, box_px[index][seen, 2 + axis])
-    scaled = np.concatenate([pixels - np.array([WIDTH_PX / 2, HEIGHT_PX / 2]), size], -1) / np.array(BOX_SCALE)
+    scaled = np.concatenate([pixels - np.array(scale[:2]), size], -1) / np.array(scale)
     return np.asarray(np.clip(np.nan_to_num(scaled, nan=FAR), -FAR, FAR))
+
+
+def boxes_of(states: MotionStates, margin: int) -> FloatArray:
+    """The boxes (n, margin + F, 4) of a video, as `patch_boxes` makes them."""
+    heights = [states.world.vocabulary.shape(o.shape).height_world for o in states.objects]
+    return patch_boxes(states.location_world, np.array(heights), states.box_px, states.reliable, margin, states.world)
 
 
 def object_patches(pixels: VideoPixels, states: MotionStates, config: PatchPropNetConfig) -> NDArray[np.uint8]:
@@ -73,9 +83,9 @@ def object_patches(pixels: VideoPixels, states: MotionStates, config: PatchPropN
     proposals, tracks = pixels.proposals, pixels.tracks
     if proposals.masks is None:
         raise DataError("patches of images need proposals with masks; give proposal_N.json files or videos")
-    n, n_frames = states.present.shape
-    box = patch_boxes(states.location_world, states.box_px, states.reliable, 0, states.camera)
-    centre = box[..., :2] * np.array(BOX_SCALE[:2]) + np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
+    (n, n_frames), camera = states.present.shape, states.camera
+    middle = np.array(box_scale(states.world)[:2])
+    centre = boxes_of(states, 0)[..., :2] * middle + middle
     rows = [dict(zip(t.frame_index.tolist(), rows_of(t, proposals).tolist(), strict=True)) for t in tracks.tracks]
     whole = np.where(states.reliable.any(1, keepdims=True), states.reliable, states.detected)
     patches = np.zeros((n, n_frames, PATCH_CHANNELS, config.patch_cells, config.patch_cells), np.uint8)
@@ -89,7 +99,7 @@ def object_patches(pixels: VideoPixels, states: MotionStates, config: PatchPropN
             if row < 0:
                 known = f"frame {f}: the proposals have no detection of track {i}"
                 raise DataError(f"{known}; give the proposals that the tracks were made from")
-            mask = rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": proposals.masks[row].encode()})
+            mask = rle.decode({"size": [camera.height, camera.width], "counts": proposals.masks[row].encode()})
             patches[i, f] = _patch(frame, mask, centre[i, f], config)
     if count < n_frames:
         raise DataError(
@@ -105,10 +115,10 @@ def _patch(
     frame: NDArray[np.uint8], mask: NDArray[np.uint8], centre: NDArray[Any], config: PatchPropNetConfig
 ) -> NDArray[np.uint8]:
     """The patch (4, cells, cells) around a centre (column, row) in the image; 0 outside the image."""
-    side = round(config.patch_cells * config.cell_px)
+    side, (height, width) = round(config.patch_cells * config.cell_px), mask.shape
     low = np.floor(centre - side / 2).astype(int) - 1
-    left, top = np.clip(low, 0, (WIDTH_PX - 1, HEIGHT_PX - 1)).tolist()
-    right, bottom = np.clip(low + side + 3, (left + 1, top + 1), (WIDTH_PX, HEIGHT_PX)).tolist()
+    left, top = np.clip(low, 0, (width - 1, height - 1)).tolist()
+    right, bottom = np.clip(low + side + 3, (left + 1, top + 1), (width, height)).tolist()
     around, covered = frame[top:bottom, left:right], mask[top:bottom, left:right, None]
     image = np.concatenate([around * covered, covered * np.uint8(MAX_VALUE)], -1)
     move = np.array([[1.0, 0.0, left + side / 2 - centre[0]], [0.0, 1.0, top + side / 2 - centre[1]]])

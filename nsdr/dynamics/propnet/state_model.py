@@ -7,17 +7,16 @@ import torch
 from msgspec import Meta
 from torch import Tensor, nn
 
-from nsdr.dynamics.motion_states import STATIC_FEATURES
+from nsdr.dynamics.motion_states import feature_count
 from nsdr.dynamics.propnet.layers import PropagationNetwork, mlp
 from nsdr.validation import MAX_SIZE, Settings, Share, Size
+from nsdr.world.world import CLEVRER_WORLD, World
 
 LENGTH_WORLD = 0.1
-"""Unit of length inside the networks (world units): about the displacement of a fast object in one frame."""
-DIAMETER = 4.0
-"""Width of an object, which is the distance at which two objects touch (units of `LENGTH_WORLD`)."""
+"""Unit of length inside the networks (world units in CLEVRER): about the displacement of a fast object in one frame."""
 NEAR, FAR, MAX_DISTANCE = 3.0, 6.0, 12.0
-"""Only distances near contact matter: the distance minus `DIAMETER` is clamped to -`NEAR` to `FAR`, and the smallest distance
-in a window to `MAX_DISTANCE` (units of `LENGTH_WORLD`)."""
+"""Only distances near contact matter: the distance minus that at which two objects touch is clamped to -`NEAR` to `FAR`, and
+the smallest distance in a window to `MAX_DISTANCE` (units of `LENGTH_WORLD`)."""
 INERTIA_STEPS = 3
 """Number of displacements between samples whose mean is taken as the current velocity."""
 
@@ -49,17 +48,26 @@ class PropNet(nn.Module):
 
     All inputs are relative to the current position of the object or to another object, so the networks see no absolute
     positions, and training may rotate scenes.
+
+    Args:
+        config: sizes and time steps.
+        world: the world that it is trained for.
+
+    Attributes:
+        length_world: the unit of length (world units).
     """
 
-    def __init__(self, config: PropNetConfig) -> None:
+    def __init__(self, config: PropNetConfig, world: World = CLEVRER_WORLD) -> None:
         super().__init__()
-        self.config = config
-        past, whole = config.past_steps, 2 * config.side_steps + 1
+        self.config, self.world = config, world
+        self.length_world = LENGTH_WORLD * world.scales.frame
+        self.radii = [shape.radius_world / self.length_world for shape in world.vocabulary.shapes]
+        static, past, whole = feature_count(world.vocabulary), config.past_steps, 2 * config.side_steps + 1
 
         def network(samples: int, outputs: int) -> PropagationNetwork:
             """A propagation network on windows of this many samples with this many outputs for each object."""
             width = config.hidden
-            encoders = mlp(STATIC_FEATURES + 3 * samples, width, width), mlp(4 * samples + 1, width, width)
+            encoders = mlp(static + 3 * samples, width, width), mlp(4 * samples + 1, width, width)
             return PropagationNetwork(*encoders, outputs, 1, width, config.propagation_steps)
 
         self.forward_network = network(past, 2)
@@ -71,16 +79,16 @@ class PropNet(nn.Module):
         Args:
             window: (B, N, past_steps, 2) positions, the present last (world units).
             reliable: (B, N, past_steps) bool, whether each position is reliable.
-            static: (B, N, 5) one-hot shape and material.
+            static: (B, N, `feature_count`) one-hot shape and material.
             exists: (B, N) bool, whether each object exists.
 
         Returns:
             The positions (B, N, 2) `stride_frames` later, and symmetric collision logits (B, N, N).
         """
-        objects = _object_inputs(window, reliable, static, present=-1)
-        motion, collision = self.forward_network(objects, _relation_inputs(window), exists)
+        objects = self._object_inputs(window, reliable, static, present=-1)
+        motion, collision = self.forward_network(objects, self._relation_inputs(window, static), exists)
         velocity = (window[:, :, -1] - window[:, :, -1 - INERTIA_STEPS]) / INERTIA_STEPS
-        return window[:, :, -1] + velocity + motion * LENGTH_WORLD, _symmetric(collision[..., 0])
+        return window[:, :, -1] + velocity + motion * self.length_world, _symmetric(collision[..., 0])
 
     def observe(self, window: Tensor, reliable: Tensor, static: Tensor, exists: Tensor) -> Tensor:
         """Detect collisions in the middle of windows.
@@ -88,33 +96,34 @@ class PropNet(nn.Module):
         Args:
             window: (B, N, 2 side_steps + 1, 2) positions (world units).
             reliable: (B, N, 2 side_steps + 1) bool, whether each position is reliable.
-            static: (B, N, 5) one-hot shape and material.
+            static: (B, N, `feature_count`) one-hot shape and material.
             exists: (B, N) bool, whether each object exists.
 
         Returns:
             Symmetric collision logits (B, N, N).
         """
-        objects = _object_inputs(window, reliable, static, present=self.config.side_steps)
-        return _symmetric(self.observer_network(objects, _relation_inputs(window), exists)[1][..., 0])
+        objects = self._object_inputs(window, reliable, static, present=self.config.side_steps)
+        return _symmetric(self.observer_network(objects, self._relation_inputs(window, static), exists)[1][..., 0])
+
+    def _object_inputs(self, window: Tensor, reliable: Tensor, static: Tensor, present: int) -> Tensor:
+        """Inputs of the object encoder (B, N, ...): positions relative to that at sample `present`, and the other features."""
+        own = (window - window[:, :, present : present + 1 or None]) / self.length_world
+        return torch.cat([static, own.flatten(2), reliable.to(window.dtype)], -1)
+
+    def _relation_inputs(self, window: Tensor, static: Tensor) -> Tensor:
+        """Inputs of the relation encoder (B, N, N, ...) from windows (B, N, samples, 2): senders relative to receivers."""
+        radius = (static[..., : len(self.radii)] * static.new_tensor(self.radii)).sum(-1)
+        touching = (radius[:, None] + radius[:, :, None])[..., None]
+        apart = (window[:, None] - window[:, :, None]) / self.length_world
+        distance = torch.linalg.vector_norm(apart, dim=-1)
+        moving_apart = distance[..., 1:] - distance[..., :-1]
+        nearest = distance.amin(-1, keepdim=True)
+        beyond_contact, touches = (distance - touching).clamp(-NEAR, FAR), nearest - touching < 1
+        width = 2 * sum(self.radii) / len(self.radii)
+        parts = apart.flatten(-2) / width, beyond_contact, moving_apart, nearest.clamp(max=MAX_DISTANCE), touches
+        return torch.cat(parts, -1)
 
 
 def _symmetric(logits: Tensor) -> Tensor:
     """The mean of the logits (B, N, N) of both directions of each pair."""
     return (logits + logits.transpose(1, 2)) / 2
-
-
-def _object_inputs(window: Tensor, reliable: Tensor, static: Tensor, present: int) -> Tensor:
-    """Inputs of the object encoder (B, N, ...): positions relative to that at sample `present`, and the other features."""
-    own = (window - window[:, :, present : present + 1 or None]) / LENGTH_WORLD
-    return torch.cat([static, own.flatten(2), reliable.to(window.dtype)], -1)
-
-
-def _relation_inputs(window: Tensor) -> Tensor:
-    """Inputs of the relation encoder (B, N, N, ...) from windows (B, N, samples, 2): the sender relative to the receiver."""
-    apart = (window[:, None] - window[:, :, None]) / LENGTH_WORLD
-    distance = torch.linalg.vector_norm(apart, dim=-1)
-    moving_apart = distance[..., 1:] - distance[..., :-1]
-    nearest = distance.amin(-1, keepdim=True)
-    beyond_contact, touches = (distance - DIAMETER).clamp(-NEAR, FAR), nearest - DIAMETER < 1
-    parts = apart.flatten(-2) / DIAMETER, beyond_contact, moving_apart, nearest.clamp(max=MAX_DISTANCE), touches
-    return torch.cat(parts, -1)

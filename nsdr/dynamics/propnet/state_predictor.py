@@ -21,7 +21,7 @@ from nsdr.dynamics.track_smoothing import (
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads
 from nsdr.types import Event, Rollout
-from nsdr.world.world import check_as_clevrer
+from nsdr.world.world import ANY_LOOK
 
 PEAK_FRAMES = 4
 """The frame of a collision is the mean, weighted by probability, over this many frames on each side of the most probable
@@ -43,6 +43,7 @@ class PropNetPredictor(PretrainedPart[PropNet]):
 
     part = "dynamics"
     name = "propnet"
+    free = ANY_LOOK
     built_from = (PropNetConfig, PropNet)
 
     def __init__(self, model: PropNet) -> None:
@@ -51,8 +52,12 @@ class PropNetPredictor(PretrainedPart[PropNet]):
 
     @limit_threads(1)
     def explain(self, states: MotionStates, collisions: Sequence[Event] | None = None) -> Explanation:
-        """Detect the collisions in the video unless they are given; see `nsdr.dynamics.Dynamics`."""
-        check_as_clevrer(states.world, "the network")
+        """Detect the collisions in the video unless they are given; see `nsdr.dynamics.Dynamics`.
+
+        Raises:
+            DataError: the networks were trained for another world.
+        """
+        self.check_world(states.world)
         observed = self.observed_collisions(states) if collisions is None else collisions
         smoothed = smooth_tracks(states, observed)
 
@@ -72,14 +77,14 @@ class PropNetPredictor(PretrainedPart[PropNet]):
     @torch.no_grad()
     def collision_candidates(self, states: MotionStates) -> list[tuple[Event, float]]:
         """For every pair that is ever present together, its most probable collision and its probability, in order of frames."""
-        check_as_clevrer(states.world, "the network")
+        self.check_world(states.world)
         n, frames = states.present.shape
         if n < 2:
             return []
         c = self.config
         index = np.arange(frames)[:, None] + np.arange(-c.side_steps, c.side_steps + 1) * c.stride_frames
         window, reliable = windows(states, index)
-        static = torch.from_numpy(object_features(states.objects)).expand(frames, -1, -1)
+        static = torch.from_numpy(object_features(states.objects, states.world.vocabulary)).expand(frames, -1, -1)
         exists = torch.from_numpy(states.present.T.copy())
         parts = zip(*(x.split(OBSERVED_AT_ONCE) for x in (window, reliable, static, exists)), strict=True)
         logits = torch.cat([self._on_device(self.model.observe, *part) for part in parts])
@@ -138,7 +143,7 @@ class PropNetPredictor(PretrainedPart[PropNet]):
         for rollout in np.flatnonzero(of_video).tolist():
             collisions[rollout], met[rollout], pending[rollout] = list(observed), {e.objects for e in observed}, []
         scores = np.zeros((n, n))
-        static = torch.from_numpy(object_features(states.objects)).expand(n_rollouts, -1, -1)
+        static = torch.from_numpy(object_features(states.objects, states.world.vocabulary)).expand(n_rollouts, -1, -1)
         shares = np.arange(1, stride + 1)[:, None] / stride
         for t in range(0, total - 1, stride) if n else ():
             for rollout in range(n_rollouts):
