@@ -1,5 +1,6 @@
 """Settings of all parts of the pipeline, the parts that they describe, and what makes kept results of perception stale."""
 
+import json
 import sys
 import warnings
 from collections import Counter
@@ -23,20 +24,20 @@ from nsdr.io.checkpoint import (
     has_part,
     is_default,
     load_description,
+    world_of_checkpoint,
 )
 from nsdr.io.configuration import option, parse_config
 from nsdr.io.device import PRECISIONS, resolve_device, without_compiler
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.reading import read_yaml
 from nsdr.io.shipped import find_config
-from nsdr.io.worlds import WORLD_FILE
 from nsdr.question_parser import loading
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser, load_parser
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.camera import check_release_size
-from nsdr.world.world import World, check_as_clevrer
+from nsdr.world.world import CLEVRER_WORLD, World, check_as_clevrer
 
 if TYPE_CHECKING:  # it loads torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
@@ -158,7 +159,7 @@ def _saved_with(checkpoint: str | Path) -> list[str]:
     folder = find_checkpoint(checkpoint)
     if (folder / PIPELINE).is_file():
         return ["--config", str(folder / PIPELINE)]
-    argv = ["--world", str(folder / WORLD_FILE)] if (folder / WORLD_FILE).is_file() else []
+    argv = ["--world", json.dumps(asdict(world))] if (world := world_of_checkpoint(folder)) != CLEVRER_WORLD else []
     if has_part(folder, "dynamics") and not has_part(folder, "collisions"):
         argv += ["--dynamics.backend", str(load_description(folder, "dynamics").get("network", "propnet"))]
     if has_part(folder, "question_parser") and not has_part(folder, "frame_parser"):

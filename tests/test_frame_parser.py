@@ -20,10 +20,10 @@ from nsdr.frame_parser.parser import FrameParser
 from nsdr.frame_parser.pasting import mask_changes
 from nsdr.frame_parser.roi_heads import AttributePredictor, JointAttributePredictor, attribute_probabilities
 from nsdr.frame_parser.training_frames import write_frames
-from nsdr.io.checkpoint import load_checkpoint
+from nsdr.io.checkpoint import load_checkpoint, world_of_checkpoint
 from nsdr.io.files import write_json
 from nsdr.io.video import read_video, write_video
-from nsdr.io.worlds import store_world, world_of_folder
+from nsdr.io.worlds import store_world, stored_world
 from nsdr.tracking.localization import ground_location, outline
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.tracking.visibility import cut_sides, hidden_sides
@@ -299,8 +299,15 @@ class _Perfect(torch.nn.Module):
 
 
 def test_the_heads_have_the_words_of_a_world(tmp_path) -> None:
-    config = replace(TINY, colors=("orange",), materials=("wood", "steel", "glass"), shapes=("puck", "die"))
-    network = build_frame_parser(config)
+    world = World(
+        "mine",
+        Vocabulary(
+            (Color("orange", (255, 140, 0)),),
+            tuple(map(Material, ("wood", "steel", "glass"))),
+            (Shape("puck", "cylinder"), Shape("die", "box")),
+        ),
+    )
+    network = build_frame_parser(TINY, world)
     features = torch.zeros(2, TINY.box_features)
     assert {k: v.shape[1] for k, v in network.roi_heads.attribute_predictor(features).items()} == {
         "color": 1,
@@ -308,14 +315,9 @@ def test_the_heads_have_the_words_of_a_world(tmp_path) -> None:
         "shape": 2,
     }
     with pytest.raises(DataError, match="was trained on the color words orange; the world CLEVRER has gray, red"):
-        FrameParser(network)
-    words = Vocabulary(
-        (Color("orange", (255, 140, 0)),),
-        tuple(map(Material, config.materials)),
-        (Shape("puck", "cylinder"), Shape("die", "box")),
-    )
-    FrameParser(network, world=World("mine", words)).save_pretrained(tmp_path)
-    again = FrameParser.from_pretrained(tmp_path, device="cpu", world=World("mine", words))
+        FrameParser(network, world=CLEVRER_WORLD)
+    FrameParser(network).save_pretrained(tmp_path)
+    again = FrameParser.from_pretrained(tmp_path, device="cpu")
     assert again.parse(np.zeros((1, 320, 480, 3), np.uint8)).world.name == "mine"
 
 
@@ -352,11 +354,6 @@ def test_training_takes_words_and_colors_of_the_frames_world(tmp_path) -> None:
     initial = Path("checkpoints/default").resolve()
     config = FrameParserTraining(str(tmp_path / "frames"), str(tmp_path / "run"), initial=str(initial), loop=loop)
     task = FrameParserTask(config)
-    assert task.model_config.words == {
-        "color": ("orange",),
-        "material": ("wood",),
-        "shape": ("cube", "sphere", "cylinder"),
-    }
     assert task.model_config.image_mean == (0.2, 0.2, 0.2)
     stored, _ = load_checkpoint(initial, "frame_parser")
     heads = task.model.roi_heads.attribute_predictor.heads
@@ -365,8 +362,8 @@ def test_training_takes_words_and_colors_of_the_frames_world(tmp_path) -> None:
     )
     assert heads["color"].weight.shape[0] == 1
 
-    folder = train_part("frame_parser", task, config, task.model_config, world=world)
-    assert world_of_folder(folder) == world
+    folder = train_part("frame_parser", task, config, task.model_config, stored_world(world))
+    assert world_of_checkpoint(Path(folder)) == world
     found = FrameParser.from_pretrained(folder, device="cpu").parse(np.full((3, 200, 256, 3), 51, np.uint8))
     assert found.world == world
     with pytest.raises(DataError, match="frame 0: expected an array \\(200, 256, 3\\) of uint8"):

@@ -21,9 +21,7 @@ from nsdr.errors import DataError
 from nsdr.frame_parser.regions import ProposalNetwork, RegionPool
 from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads, JointAttributePredictor
 from nsdr.validation import Settings, Share, Size, one_of
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.vocabulary import MAX_WORDS, Word
-from nsdr.world.world import CLEVRER_WORLD
+from nsdr.world.world import CLEVRER_WORLD, World
 
 CHANNEL_MULTIPLE = 16
 """Channels of the slim backbone and the pyramid are multiples of this: oneDNN's channels-last convolutions crash the process
@@ -56,7 +54,6 @@ MAX_DETECTIONS = 20
 """Largest number of detections in an image."""
 _BACKBONES = {"resnet18": [64, 128, 256, 512], "resnet50": [256, 512, 1024, 2048]}
 """torchvision's backbones: channels of the layers of stride 4, 8, 16 and 32 px."""
-Words = Annotated[tuple[Word, ...], Meta(min_length=1, max_length=MAX_WORDS)]
 PositiveShare = Annotated[float, Meta(gt=0, le=1)]
 
 
@@ -67,7 +64,6 @@ class FrameParserConfig(Settings):
     Attributes:
         backbone: "slim", or torchvision's "resnet18" or "resnet50" (paper); weights are random at first.
         attributes: "three" heads for colour, material and shape, or "joint": one label for all combinations (paper).
-        colors, materials, shapes: the words, in the order of the heads' outputs.
         widths: channels of the slim backbone's four residual stages (strides 4, 8, 16 and 32 px); multiples of 16.
         blocks: residual blocks in each stage of the slim backbone.
         fpn_channels: channels of every pyramid level; a multiple of 16.
@@ -83,9 +79,6 @@ class FrameParserConfig(Settings):
 
     backbone: Annotated[str, one_of(("slim", *_BACKBONES))] = "slim"
     attributes: Literal["three", "joint"] = "three"
-    colors: Words = CLEVRER_WORLD.vocabulary.words["color"]
-    materials: Words = CLEVRER_WORLD.vocabulary.words["material"]
-    shapes: Words = CLEVRER_WORLD.vocabulary.words["shape"]
     widths: tuple[Size, Size, Size, Size] = (32, 64, 128, 192)
     blocks: Size = 2
     fpn_channels: Size = 64
@@ -103,11 +96,6 @@ class FrameParserConfig(Settings):
         for name, value in (("widths", self.widths), ("fpn_channels", (self.fpn_channels,))):
             if any(v % CHANNEL_MULTIPLE for v in value):
                 raise DataError(f"FrameParserConfig.{name}: expected multiples of {CHANNEL_MULTIPLE}, got {value}")
-
-    @property
-    def words(self) -> dict[str, tuple[str, ...]]:
-        """The words of each attribute."""
-        return {"color": self.colors, "material": self.materials, "shape": self.shapes}
 
 
 class SlimBackbone(nn.Module):
@@ -167,16 +155,17 @@ def _stage(in_channels: int, channels: int, blocks: int, stride: int) -> nn.Sequ
 
 
 class FrameParserNetwork(MaskRCNN):
-    """torchvision's `MaskRCNN` that keeps the `FrameParserConfig` it was built from; made by `build_frame_parser`."""
+    """torchvision's `MaskRCNN` that keeps the settings and the world it was built from; made by `build_frame_parser`."""
 
     config: FrameParserConfig
+    world: World
 
 
-def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNetwork:
-    """Mask R-CNN for the single class "object" with attribute heads, for images of 480x320 px that are not rescaled.
+def build_frame_parser(config: FrameParserConfig | None = None, world: World = CLEVRER_WORLD) -> FrameParserNetwork:
+    """Mask R-CNN for the single class "object" with heads for a world's words, for images that are not rescaled.
 
     In training mode, `model(images, targets)` returns the losses by name. In evaluation mode, `model(images)` returns one
-    dictionary of detections per image (see `AttributeRoIHeads`). Images are (3, 320, 480) float RGB in 0-1.
+    dictionary of detections per image (see `AttributeRoIHeads`). Images are (3, height, width) float RGB in 0-1.
 
     Differs from the paper: the default is a slim ResNet with three attribute heads, trained from scratch, so that a CPU
     suffices. `backbone="resnet50", attributes="joint"` gives the paper's architecture.
@@ -202,8 +191,8 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
     head = _ExactRPNHead(c.fpn_channels, anchors.num_anchors_per_location()[0])
     model = FrameParserNetwork(
         backbone,
-        min_size=HEIGHT_PX,
-        max_size=WIDTH_PX,
+        min_size=world.camera.height,
+        max_size=world.camera.width,
         image_mean=list(c.image_mean),
         image_std=list(c.image_std),
         rpn_anchor_generator=anchors,
@@ -224,7 +213,7 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
     )
     predictor = AttributePredictor if c.attributes == "three" else JointAttributePredictor
     model.roi_heads = AttributeRoIHeads(
-        predictor(c.box_features, {name: len(words) for name, words in c.words.items()}),
+        predictor(c.box_features, {name: len(words) for name, words in world.vocabulary.words.items()}),
         fg_iou_thresh=ROI_MATCH_IOU,
         bg_iou_thresh=ROI_MATCH_IOU,
         batch_size_per_image=ROI_BATCH,
@@ -235,7 +224,7 @@ def build_frame_parser(config: FrameParserConfig | None = None) -> FrameParserNe
         detections_per_img=MAX_DETECTIONS,
         **heads,
     )
-    model.config = c
+    model.config, model.world = c, world
     return model
 
 

@@ -5,8 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from dataclasses import replace
 from itertools import chain, count, islice, pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -25,9 +24,8 @@ from nsdr.frame_parser.pasting import mask_changes
 from nsdr.frame_parser.regions import ROI_LEVELS
 from nsdr.io.checkpoint import PretrainedPart
 from nsdr.io.device import limit_threads, resolve_precision
-from nsdr.io.worlds import store_world, world_of_folder
 from nsdr.types import VideoProposals
-from nsdr.world.world import CLEVRER_WORLD, World
+from nsdr.world.world import World
 
 if TYPE_CHECKING:
     from nsdr.io.images import VideoSource
@@ -53,13 +51,14 @@ class FrameParser(PretrainedPart[nn.Module]):
         precision: number format of the convolutions, "float32" or "bfloat16"; "auto" is bfloat16 where a CPU multiplies
             matrices of it (AMX), else float32. On CUDA, bfloat16 saves little and changes doubtful detections
             (`make gpu`).
-        world: what the videos are of; it has the words that the network was trained on.
+        world: what the videos are of; None for the world that the network was trained for. It has the same words.
 
     Raises:
         DataError: `batch_size` or `stride` is less than 1, `precision` is unknown, or the network has other words.
     """
 
     part = "frame_parser"
+    free = ("vocabulary.", "physics.", "timeline.", "camera.")
     built_from = (FrameParserConfig, build_frame_parser)
 
     def __init__(
@@ -68,26 +67,29 @@ class FrameParser(PretrainedPart[nn.Module]):
         batch_size: int = 8,
         stride: int = 1,
         precision: str = "auto",
-        world: World = CLEVRER_WORLD,
+        world: World | None = None,
     ) -> None:
         if batch_size < 1 or stride < 1:
             raise DataError(f"batch_size {batch_size} and stride {stride}: expected at least 1")
         resolve_precision(precision, torch.device("cpu"))
         self.model = model.eval().to(memory_format=torch.channels_last)
-        self.batch_size, self.stride, self.precision, self.world = batch_size, stride, precision, world
-        if isinstance(model, FrameParserNetwork):
-            _check_words(model.config, world)
+        self.batch_size, self.stride, self.precision = batch_size, stride, precision
+        self.world = world or self.trained_for
+        self.check_world(self.world)
         self._prepared: tuple[Any, Detector] | None = None
 
-    @classmethod
-    def from_checkpoint(cls, folder: str | Path, **options: Any) -> Self:
-        """As in `PretrainedPart`; `world` is that of the folder unless it is given."""
-        return super().from_checkpoint(folder, **{"world": world_of_folder(folder), **options})
-
-    def save_pretrained(self, folder: str | Path, details: Mapping[str, Any] | None = None) -> None:
-        """As in `PretrainedPart`; the folder's `world.json` says the world."""
-        store_world(folder, self.world)
-        super().save_pretrained(folder, details)
+    def check_world(self, world: World) -> None:
+        """Raise `DataError` if the network was trained on other words than the world's; names those that differ."""
+        if not isinstance(self.model, FrameParserNetwork):
+            return
+        for (name, known), words in zip(
+            self.trained_for.vocabulary.words.items(), world.vocabulary.words.values(), strict=True
+        ):
+            if words != known:
+                raise DataError(
+                    f"the frame parser was trained on the {name} words {', '.join(known)}; the world {world.name} has "
+                    f"{', '.join(words)}: give the weights of this world, or train them (`nsdr train frame-parser`)"
+                )
 
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
         if not isinstance(self.model, FrameParserNetwork):
@@ -160,16 +162,6 @@ class FrameParser(PretrainedPart[nn.Module]):
         if self._prepared is None or self._prepared[0] != state:
             self._prepared = (state, Detector(self.model, precision))
         return self._prepared[1]
-
-
-def _check_words(config: FrameParserConfig, world: World) -> None:
-    """Raise `DataError` unless the network was trained on the words of the world; names those that differ."""
-    for (name, known), words in zip(config.words.items(), world.vocabulary.words.values(), strict=True):
-        if words != known:
-            raise DataError(
-                f"the frame parser was trained on the {name} words {', '.join(known)}; the world {world.name} has "
-                f"{', '.join(words)}: give the weights of this world, or train them (`nsdr train frame-parser`)"
-            )
 
 
 def _batches(

@@ -270,6 +270,12 @@ def trained_for(folder: str | Path, part: str) -> World:
         raise CheckpointError(str(e)) from e
 
 
+def world_of_checkpoint(folder: Path) -> World:
+    """The world of the first part of a checkpoint that was trained for another one than CLEVRER's, or CLEVRER's."""
+    worlds = (trained_for(folder, part) for part in PARTS if has_part(folder, part))
+    return next((world for world in worlds if world != CLEVRER_WORLD), CLEVRER_WORLD)
+
+
 def start_from(network: "nn.Module", folder: str | Path, part: str, anew: Sequence[str] = ()) -> None:
     """Give a network the weights of a checkpoint.
 

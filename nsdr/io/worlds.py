@@ -38,7 +38,7 @@ def read_world(file_or_name: str | Path) -> World:
 
 
 def world_of_folder(folder: str | Path) -> World:
-    """The world of what is in a folder, such as a checkpoint: that of its `world.json`, or CLEVRER's if it has none.
+    """The world of what is in a folder: that of its `world.json`, or CLEVRER's if it has none.
 
     Raises:
         DataError: see `read_world`.

@@ -15,7 +15,8 @@ from nsdr.errors import DataError, machine_error
 from nsdr.frame_parser.dataset import AugmentConfig, FrameDataset, collate
 from nsdr.frame_parser.metrics import average_precision, detection_scores
 from nsdr.frame_parser.model import FrameParserConfig, FrameParserNetwork, build_frame_parser
-from nsdr.io.checkpoint import find_checkpoint, load_description, start_from
+from nsdr.io.checkpoint import find_checkpoint, start_from, trained_for
+from nsdr.io.worlds import stored_world
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import PathName, PositiveCount, Settings
@@ -47,8 +48,7 @@ class FrameParserTraining(Settings):
             `pretrained`. Heads whose words are others there start anew.
         pretrained: "coco" starts from torchvision's Mask R-CNN with ResNet-50 (paper), which is downloaded once; "" does not.
         evaluation_frames: maximum number of held-out frames to evaluate on.
-        model: the network. Its words are those of the frames' world; in another world than CLEVRER's, the mean and standard
-            deviation of its channels are those of the frames, too.
+        model: the network. In another world than CLEVRER's, mean and standard deviation of its channels are the frames'.
         augmentation: random changes to training images.
         loop: the optimisation.
     """
@@ -79,8 +79,9 @@ class FrameParserTask(Task):
         self.config = config
         self.training_frames = FrameDataset(config.frames, "train", config.augmentation)
         self.evaluation_frames = FrameDataset(config.frames, "evaluation")
+        self.world = self.training_frames.world
         self.model_config = model_of(config.model, self.evaluation_frames)
-        network = build_frame_parser(self.model_config)
+        network = build_frame_parser(self.model_config, self.world)
         if config.pretrained:
             load_coco_weights(network)
         self.model: nn.Module = network.to(memory_format=torch.channels_last)
@@ -89,10 +90,8 @@ class FrameParserTask(Task):
 
     def _new_heads(self, initial: str) -> list[str]:
         """Prefixes of the tensors that the checkpoint `initial` has for other words."""
-        stored = load_description(find_checkpoint(initial), "frame_parser").get("config", {})
-        others = [
-            name for name, words in self.model_config.words.items() if tuple(stored.get(f"{name}s", words)) != words
-        ]
+        known = trained_for(find_checkpoint(initial), "frame_parser").vocabulary.words
+        others = [name for name, words in self.world.vocabulary.words.items() if words != known[name]]
         joint = self.model_config.attributes == "joint"
         names = (
             ["attribute_predictor."] if joint and others else [f"attribute_predictor.heads.{name}." for name in others]
@@ -122,12 +121,10 @@ class FrameParserTask(Task):
 
 
 def model_of(config: FrameParserConfig, frames: FrameDataset) -> FrameParserConfig:
-    """The network for the world of frames: with its words, and, where it is not CLEVRER's, the frames' own colours.
+    """The network for the world of frames: where it is not CLEVRER's, with the mean and standard deviation of their colours.
 
-    Mean and standard deviation are measured on evenly spaced frames, which are without augmentation.
+    These are measured on evenly spaced frames, which are without augmentation.
     """
-    words = frames.world.vocabulary.words
-    config = replace(config, colors=words["color"], materials=words["material"], shapes=words["shape"])
     if frames.world == CLEVRER_WORLD:
         return config
     picked = np.linspace(0, len(frames) - 1, min(MEASURED_FRAMES, len(frames))).astype(int)
@@ -179,4 +176,4 @@ def main(argv: Sequence[str] | None = None) -> str:
     task = FrameParserTask(config)
     if len(task.training_frames) < config.loop.batch_size:
         raise DataError(f"{config.frames}: {len(task.training_frames)} training frames, fewer than one batch")
-    return train_part("frame_parser", task, config, task.model_config, world=task.training_frames.world)
+    return train_part("frame_parser", task, config, task.model_config, stored_world(task.world))

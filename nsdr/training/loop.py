@@ -32,10 +32,8 @@ from nsdr.errors import DataError, MachineError, NsdrError
 from nsdr.io.checkpoint import save_checkpoint, start_from
 from nsdr.io.device import PRECISIONS, has_bfloat16, resolve_device, resolve_precision
 from nsdr.io.files import locked
-from nsdr.io.worlds import store_world
 from nsdr.training.run_folder import RunFolder, TrainingState, described, resolved
 from nsdr.validation import Count, NotNegative, Positive, PositiveCount, Settings, one_of
-from nsdr.world.world import CLEVRER_WORLD, World
 
 log = logging.getLogger(__name__)
 
@@ -356,7 +354,6 @@ def train_part(
     details: Mapping[str, Any] | None = None,
     inputs: Mapping[str, Any] | None = None,
     mean_with: str = "",
-    world: World = CLEVRER_WORLD,
 ) -> str:
     """Train a part of the system and write its checkpoint.
 
@@ -369,7 +366,6 @@ def train_part(
         inputs: plain values that stand for the content of the data; a run is resumed only with the same.
         mean_with: folder of a checkpoint of the same network; the mean of its weights and the trained ones is evaluated and
             written in place of the trained ones. "" for none.
-        world: of the data; the checkpoint's `world.json` says it.
 
     Returns:
         The folder of the checkpoint.
@@ -377,11 +373,10 @@ def train_part(
     Raises:
         FloatingPointError, DataError: see `train`.
     """
-    output: str = config.output or f"{config.run_dir}/checkpoint"
-    store_world(output, world)
     metrics: Mapping[str, float | None] = train(
         task, config.loop, config.run_dir, resolved(config) | {**(inputs or {})}
     )
+    output: str = config.output or f"{config.run_dir}/checkpoint"
     if mean_with:
         trained = {name: value.clone() for name, value in task.model.state_dict().items()}
         start_from(task.model, mean_with, part)
