@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN ?= .venv/bin
 
-.PHONY: demo test check robustness browser docs bench gpu weights notebooks wheel wheel-check clean
+.PHONY: demo test check robustness browser docs bench gpu weights world notebooks wheel wheel-check clean
 
 demo: .venv/installed
 	$(BIN)/nsdr demo -o demo/nsdr_demo.png
@@ -46,6 +46,10 @@ gpu: .venv/installed-dev
 WHAT ?= weights
 weights: .venv/installed-dev
 	OMP_NUM_THREADS=1 $(MAKE) -f configs/weights.mk $(WHAT) NSDR=$(BIN)/nsdr
+
+# Makes data and weights of a world that ships, such as NAME=pucks, or of your own (configs/world.mk).
+world: .venv/installed-dev
+	OMP_NUM_THREADS=1 $(MAKE) -f configs/world.mk NSDR=$(BIN)/nsdr $(foreach name,NAME WORLD VIDEOS RUNS OUTPUT STEPS,$(if $($(name)),$(name)='$($(name))'))
 
 # Builds the site, and runs the commands and examples of its pages, and the notebooks.
 docs: .venv/installed-docs .venv/installed-dev
