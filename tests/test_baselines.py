@@ -14,7 +14,7 @@ from safetensors.numpy import save_file
 
 from nsdr import DataError
 from nsdr.baselines.base import BASELINES, Batch, Sizes
-from nsdr.baselines.data import PAD, PROGRAM_TOKENS, Vocabulary, make_batch, training_examples
+from nsdr.baselines.data import PAD, Vocabulary, make_batch, training_examples
 from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, feature_file
 from nsdr.baselines.trained import TrainedBaseline, masked_scores
 from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions, write_questions
@@ -22,9 +22,11 @@ from nsdr.cli.main import main
 from nsdr.errors import CheckpointError
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of, parse_config
+from nsdr.question_parser.tokenizer import decoder_tokens
 from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
 from nsdr.training.run_folder import parse_training
+from nsdr.world.vocabulary import CLEVRER
 from tests.second_device import second_device
 
 FRAMES, CHANNELS, GRID, OBJECTS = 5, 6, (2, 3), 3
@@ -154,7 +156,9 @@ def test_before_training_the_scores_depend_on_text_and_video_together(name: str,
     texts, videos, frames, objects, channels = 20, 6, 25, 5, 256
     torch.manual_seed(0)
     network = kind(config.model_config(), Sizes(80, 21, channels, (4, 6))).eval()
-    programs = [[PROGRAM_TOKENS.index(w) for w in p.split()] for _, _, p in TEXTS for _ in range(texts // len(TEXTS))]
+    programs = [
+        [decoder_tokens(CLEVRER).index(w) for w in p.split()] for _, _, p in TEXTS for _ in range(texts // len(TEXTS))
+    ]
     batch = Batch(
         torch.randint(2, 80, (texts, 12), generator=rng),
         torch.zeros(texts, dtype=torch.long),

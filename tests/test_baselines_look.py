@@ -8,16 +8,16 @@ import pytest
 from safetensors.numpy import save_file
 
 from nsdr.baselines.base import BASELINES
-from nsdr.baselines.data import PROGRAM_TOKENS
 from nsdr.baselines.features.files import KINDS, MANIFEST, FeatureCache, WordConfig, feature_file
 from nsdr.baselines.features.words import truth_features
 from nsdr.baselines.recoloring import Recoloring
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.errors import DataError
+from nsdr.question_parser.tokenizer import decoder_tokens
 from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
-from nsdr.world.vocabulary import COLORS as VOCABULARY_COLORS
+from nsdr.world.vocabulary import CLEVRER, COLORS as VOCABULARY_COLORS
 
 from .test_baselines import SMALL
 
@@ -112,7 +112,7 @@ def test_colors_are_exchanged_in_features_words_programs_and_answers(folder, tmp
     asked, exists = (recoloring.text(e, tuple(colors)) for e in task.videos[0])
     assert [vocabulary.answers[e.answer] for e in (asked, exists)] == ["red", "no"]  # video 1 has a blue object
     assert vocabulary.words[exists.words[3] - 1] == "blue"
-    assert [PROGRAM_TOKENS[t] for t in exists.program] == ["objects", "blue", "filter_color", "exist"]
+    assert [decoder_tokens(CLEVRER)[t] for t in exists.program] == ["objects", "blue", "filter_color", "exist"]
     found, before = (task.collate([e]).inputs.maps[0, :, :8].sum((0, 2, 3)) for e in (asked, task.videos[0][0]))
     assert before[blue] > 0
     assert found[red] == before[blue]

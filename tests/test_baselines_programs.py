@@ -9,13 +9,15 @@ from torch import Tensor
 from torch.nn import functional
 
 from nsdr.baselines.base import BASELINES, Batch, Sizes
-from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR, PROGRAM_TOKENS
+from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR
 from nsdr.baselines.systems.modular import Modular, ModularConfig, TbdConfig
-from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, Node, program_graph
+from nsdr.baselines.systems.program_graph import MALFORMED, Node, instructions, program_graph
 from nsdr.errors import DataError
 from nsdr.io.configuration import config_of
 from nsdr.io.reading import read_yaml
+from nsdr.question_parser.tokenizer import decoder_tokens
 from nsdr.training.loop import LoopConfig
+from nsdr.world.vocabulary import CLEVRER
 
 CONFIGS = Path(__file__).parents[1] / "configs/baselines"
 
@@ -46,7 +48,7 @@ NAMES = ["iep", "tbd"]
 
 
 def tokens(question: str, choice: str | None = None) -> list[int]:
-    indices = [PROGRAM_TOKENS.index(token) for token in question.split()]
+    indices = [decoder_tokens(CLEVRER).index(token) for token in question.split()]
     return indices if choice is None else [*indices, PROGRAM_SEPARATOR, *tokens(choice)]
 
 
@@ -91,16 +93,17 @@ def test_configurations_fit(name: str) -> None:
 
 
 def test_words_belong_to_their_modules() -> None:
-    graph = program_graph(torch.tensor([tokens(COUNT_RED)]), torch.tensor([3]))
+    graph = program_graph(torch.tensor([tokens(COUNT_RED)]), torch.tensor([3]), CLEVRER)
     assert graph.nodes == [Node("objects", 3, ()), Node("filter_color red", 3, (0,)), Node("count", 3, (1,))]
     assert graph.texts == [[0, 1, 2]]
-    assert INSTRUCTIONS["filter_order last"] == 1
-    assert INSTRUCTIONS["filter_before"] == 2
-    assert "filter_color" not in INSTRUCTIONS
+    assert instructions(CLEVRER)["filter_order last"] == 1
+    assert instructions(CLEVRER)["filter_before"] == 2
+    assert "filter_color" not in instructions(CLEVRER)
 
 
 def test_an_options_program_is_judged_by_the_questions() -> None:
-    graph = program_graph(torch.tensor([tokens("unseen_events belong_to negate", "objects unique")]), torch.tensor([0]))
+    program = torch.tensor([tokens("unseen_events belong_to negate", "objects unique")])
+    graph = program_graph(program, torch.tensor([0]), CLEVRER)
     assert [(n.instruction, n.inputs) for n in graph.nodes] == [
         ("objects", ()),
         ("unique", (0,)),
@@ -112,7 +115,7 @@ def test_an_options_program_is_judged_by_the_questions() -> None:
 
 def test_equal_steps_about_one_video_are_one_node() -> None:
     programs = torch.tensor([tokens(COUNT_RED), tokens(COUNT_BLUE), tokens(COUNT_RED), tokens(COUNT_RED)])
-    graph = program_graph(programs, torch.tensor([0, 0, 0, 1]))
+    graph = program_graph(programs, torch.tensor([0, 0, 0, 1]), CLEVRER)
     assert graph.texts[0] == graph.texts[2] == [0, 1, 2]
     assert graph.texts[1][0] == 0
     assert len(graph.nodes) == 3 + 2 + 3
@@ -141,7 +144,7 @@ def test_equal_steps_about_one_video_are_one_node() -> None:
 def test_a_malformed_program_is_a_module_of_its_own(program: str) -> None:
     question, *choice = program.split("|")
     row = tokens(question, *choice) or [PAD]
-    assert program_graph(torch.tensor([row]), torch.tensor([2])).nodes == [Node(MALFORMED, 2, ())]
+    assert program_graph(torch.tensor([row]), torch.tensor([2]), CLEVRER).nodes == [Node(MALFORMED, 2, ())]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -452,7 +452,7 @@ def test_recolored_features_of_the_truth_are_those_of_the_recolored_video(tmp_pa
     generate_dataset(DatasetConfig(str(tmp_path / "data"), videos=1, renderer="none", questions=None))
     annotation = read_json(next((tmp_path / "data").rglob("annotation_*.json")))
     colors = (3, 0, 2, 1, 7, 6, 4, 5)
-    found = recolored(truth_features(annotation, config), colors)
+    found = recolored(truth_features(annotation, config), colors, 13)
     for thing in annotation["object_property"]:
         thing["color"] = COLORS[colors[COLORS.index(thing["color"])]]
     expected = truth_features(annotation, config)

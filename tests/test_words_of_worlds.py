@@ -5,17 +5,22 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from msgspec import structs
 
 from nsdr import CLEVRER, CheckpointError, Executor, QuestionParser, Scene, narrate, verify
+from nsdr.baselines.features.extraction import WordExtraction, annotation_features, extract_features
+from nsdr.baselines.features.files import WordConfig
 from nsdr.baselines.q_type import SUBTYPES, q_type_answers, subtype_answers
+from nsdr.baselines.systems.program_graph import instructions
+from nsdr.baselines.trained import TrainedBaseline
 from nsdr.claims.reading import read_sentence, written
 from nsdr.claims.statements import ObjectPhrase, Statement
 from nsdr.clevrer import prompt, read_questions, read_response, scene_from_annotation, scene_from_truth, solution
 from nsdr.clevrer.answers.answer_forms import read_candidate
 from nsdr.clevrer.files.annotations import read_truth_file
-from nsdr.clevrer.files.questions import PLAIN, Question, SceneQuestions
+from nsdr.clevrer.files.questions import PLAIN, Question, SceneQuestions, write_questions
 from nsdr.cli.main import main
 from nsdr.errors import DataError
 from nsdr.evaluation import EvaluationConfig, run_evaluation
@@ -23,11 +28,13 @@ from nsdr.evaluation.responses import score_responses
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.questions.candidates import EXTENSION_KINDS
 from nsdr.generate.questions.selection import QuestionConfig, world_of
+from nsdr.io.reading import read_json
 from nsdr.question_parser.grammar import GrammarParser, readings
 from nsdr.question_parser.language_model import NO_PROGRAM, examples
 from nsdr.question_parser.loading import load_parser
 from nsdr.question_parser.tokenizer import decoder_tokens
 from nsdr.symbolic.reference import reference_page
+from nsdr.training.baselines import BaselineTask, BaselineTraining
 from nsdr.training.question_parser import main as train_question_parser
 from nsdr.world.world import CLEVRER_WORLD
 
@@ -274,3 +281,28 @@ def test_claims_are_read_in_the_words_and_the_frame_rate_of_the_scene(root: Path
     assert written(Statement("presence", objects=(ObjectPhrase("", ("amber", "loaf"), False),), number=2), ALIEN) == (
         "There are 2 amber loaves."
     )
+
+
+def test_baselines_learn_from_the_words_of_a_world(root: Path, tmp_path: Path) -> None:
+    out = tmp_path / "features"
+    sizes = WordConfig(frames=4, grid=(4, 6), pooled_grid=(2, 3), max_objects=4)
+    extract_features(WordExtraction(str(root), str(out), workers=1, features=sizes))
+    made = read_json(out / "features.json")
+    assert made["features"]["shapes"] == ["disc", "coin", "brick"]
+    assert made["shapes"]["maps"] == [4, 8 + 4, 4, 6]
+    listed = _clevrer_kinds(CLEVRER(root).split("train").questions())
+    questions = str(root / "questions/of_clevrer.json")
+    write_questions(questions, [structs.replace(s, questions=s.questions[:8]) for s in listed])
+    settings = {"features": str(out), "recolor": True, "model": {"width": 8, "frames": 3, "projection": 8, "hidden": 8}}
+    task = BaselineTask(BaselineTraining("run", "iep", questions, questions, **settings))
+    batch = task.collate(task.draw(6, np.random.default_rng(0), 0))
+    assert task.model(batch.inputs).isfinite().all()
+    assert "filter_color_orange" in {name.replace(" ", "_") for name in instructions(DISCS.vocabulary)}
+    assert len(task.recoloring.draw(np.random.default_rng(0))) == 3
+    task.trained.save_pretrained(tmp_path / "saved")
+    again = TrainedBaseline.from_checkpoint(tmp_path / "saved")
+    assert again.vocabulary == task.trained.vocabulary
+    assert again.vocabulary.objects == DISCS.vocabulary
+    annotation = next((root / "annotations").rglob("annotation_*.json"))
+    with pytest.raises(DataError, match=r"words of the world discs .*; the features are of gray, red"):
+        annotation_features(annotation, sizes)

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 from torch import Tensor, nn
 
 from nsdr.io.registry import Registry
+from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
 
 class Batch(NamedTuple):
@@ -43,12 +44,14 @@ class Sizes:
         answers: number of answers.
         channels: C of the feature vectors and maps; 0 if none are read.
         grid: (h, w) of the feature maps; (0, 0) if none are read.
+        objects: the words of objects in programs.
     """
 
     words: int
     answers: int
     channels: int
     grid: tuple[int, int]
+    objects: Vocabulary = CLEVRER
 
 
 class Baseline(nn.Module):

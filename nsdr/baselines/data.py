@@ -17,11 +17,8 @@ from nsdr.baselines.q_type import OPTION_ANSWERS
 from nsdr.clevrer.files.questions import PLAIN, Choice, Question, SceneQuestions
 from nsdr.errors import DataError, QuestionError
 from nsdr.question_parser.tokenizer import END, PAD, Tokenizer, decoder_tokens
-from nsdr.world.vocabulary import CLEVRER
+from nsdr.world.vocabulary import CLEVRER, Vocabulary as ObjectWords
 
-PROGRAM_TOKENS = decoder_tokens(CLEVRER)
-"""Tokens of programs, by their indices."""
-_TOKEN_INDEX = {token: i for i, token in enumerate(PROGRAM_TOKENS)}
 PROGRAM_SEPARATOR = END
 """Token between the question's program and the option's."""
 
@@ -35,30 +32,37 @@ class Vocabulary:
     Attributes:
         words: known words; their indices begin at 1, and 0 is `PAD`.
         answers: answers to descriptive questions in alphabetical order, then `OPTION_ANSWERS`.
+        objects: the words of objects, whose order is that of program tokens and features of words.
     """
 
     words: tuple[str, ...]
     answers: tuple[str, ...]
+    objects: ObjectWords = CLEVRER
 
     def __post_init__(self) -> None:
         if self.answers[-len(OPTION_ANSWERS) :] != OPTION_ANSWERS:
             raise DataError(f"answers end with {self.answers[-2:]}; expected {' and '.join(OPTION_ANSWERS)}")
 
     @classmethod
-    def from_questions(cls, scenes: Iterable[SceneQuestions]) -> "Vocabulary":
-        """The vocabulary of training questions."""
+    def from_questions(cls, scenes: Iterable[SceneQuestions], objects: ObjectWords = CLEVRER) -> "Vocabulary":
+        """The vocabulary of training questions about such objects."""
         questions = [q for scene in scenes for q in scene.questions]
         texts = {text for q in questions for text in (q.text, *(c.text for c in q.choices))}
         answers = sorted({q.answer for q in questions if q.answer is not None})
-        return cls(Tokenizer.from_texts(texts).words, (*answers, *OPTION_ANSWERS))
+        return cls(Tokenizer.from_texts(texts).words, (*answers, *OPTION_ANSWERS), objects)
 
     @cached_property
     def _tokenizer(self) -> Tokenizer:
         return Tokenizer(self.words)
 
+    @cached_property
+    def token_indices(self) -> dict[str, int]:
+        """Indices of program tokens."""
+        return {token: i for i, token in enumerate(decoder_tokens(self.objects))}
+
     def sizes(self, channels: int = 0, grid: tuple[int, int] = (0, 0)) -> Sizes:
         """The sizes of a network for this vocabulary, and for features with `channels` and maps of height and width `grid`."""
-        return Sizes(len(self.words) + 2, len(self.answers), channels, grid)
+        return Sizes(len(self.words) + 2, len(self.answers), channels, grid, self.objects)
 
     def encode_text(self, question: Question, choice: Choice | None) -> list[int]:
         """Word indices of a question, or of a question with one of its options.
@@ -88,7 +92,7 @@ class Example(NamedTuple):
         is_choice: whether the text is an option.
         is_plain: whether the question is about objects alone.
         answer: index of the answer; -1 if the file has none, or one that did not occur in training.
-        colors: for each of `COLORS`, the index of the colour that replaces it in the video and the text; empty if all stay.
+        colors: for each colour, the index of the one that replaces it in the video and the text; empty if all stay.
     """
 
     scene_index: int
@@ -110,21 +114,22 @@ def encoded(scene_index: int, question: Question, vocabulary: Vocabulary, needs:
     for choice in question.choices or (None,):
         words, program = vocabulary.encode_text(question, choice), list[int]()
         if "program" in needs:
-            program = _token_indices(question)
-            program += [] if choice is None else [PROGRAM_SEPARATOR, *_token_indices(choice)]
+            program = _token_indices(question, vocabulary)
+            program += [] if choice is None else [PROGRAM_SEPARATOR, *_token_indices(choice, vocabulary)]
         answer = question.answer if choice is None else choice.answer
         index = vocabulary.answers.index(answer) if answer in vocabulary.answers else -1
         examples.append(Example(scene_index, words, program, choice is not None, question.subtype == PLAIN, index))
     return examples
 
 
-def _token_indices(text: Question | Choice) -> list[int]:
+def _token_indices(text: Question | Choice, vocabulary: Vocabulary) -> list[int]:
     if text.program is None:
         raise QuestionError(f"{text.text!r} has no program; parse the questions, or give a file with programs")
-    unknown = [token for token in text.program if token not in _TOKEN_INDEX]
+    indices = vocabulary.token_indices
+    unknown = [token for token in text.program if token not in indices]
     if unknown:
         raise QuestionError(f"the program of {text.text!r} has the unknown token {unknown[0]!r}")
-    return [_TOKEN_INDEX[token] for token in text.program]
+    return [indices[token] for token in text.program]
 
 
 def training_examples(
@@ -151,13 +156,16 @@ def training_examples(
     return videos
 
 
-def make_batch(examples: Sequence[Example], features: Features | None, needs: Collection[str]) -> Batch:
+def make_batch(
+    examples: Sequence[Example], features: Features | None, needs: Collection[str], objects: ObjectWords = CLEVRER
+) -> Batch:
     """One batch on the CPU. Row b is example b; each video has one row in the tensors of videos.
 
     Args:
         examples: at least one.
         features: features of the videos; None if none are needed.
         needs: `Baseline.needs`.
+        objects: the words of objects.
 
     Raises:
         DataError: a video has no features, or videos have features of different shapes; names the video.
@@ -167,7 +175,7 @@ def make_batch(examples: Sequence[Example], features: Features | None, needs: Co
     if set(needs) & set(KINDS):
         assert features is not None, f"needs {', '.join(sorted(needs))}"
         found = ((features.get(index, needs), colors) for index, colors in rows)
-        videos = [recolored(video, colors) if colors else video for video, colors in found]
+        videos = [recolored(video, colors, len(objects.attributes)) if colors else video for video, colors in found]
         arrays = {name: torch.from_numpy(np.stack([video[name] for video in videos])) for name in videos[0]}
     if "has_object" in arrays:
         places = arrays["has_object"].any((0, 1)).nonzero()

@@ -5,8 +5,7 @@ CLEVRER's physics does not depend on colours. Features of the truth have numbers
 
 import numpy as np
 
-from nsdr.baselines.data import PROGRAM_TOKENS, Example, Vocabulary
-from nsdr.world.vocabulary import COLORS
+from nsdr.baselines.data import Example, Vocabulary
 
 
 class Recoloring:
@@ -17,14 +16,16 @@ class Recoloring:
     """
 
     def __init__(self, vocabulary: Vocabulary) -> None:
-        self.known = [i for i, c in enumerate(COLORS) if c in vocabulary.words and c in vocabulary.answers]
-        self._words = {i: vocabulary.words.index(COLORS[i]) + 1 for i in self.known}
-        self._answers = {i: vocabulary.answers.index(COLORS[i]) for i in self.known}
-        self._tokens = {i: PROGRAM_TOKENS.index(COLORS[i]) for i in self.known}
+        colors = vocabulary.objects.words["color"]
+        self.n_colors = len(colors)
+        self.known = [i for i, c in enumerate(colors) if c in vocabulary.words and c in vocabulary.answers]
+        self._words = {i: vocabulary.words.index(colors[i]) + 1 for i in self.known}
+        self._answers = {i: vocabulary.answers.index(colors[i]) for i in self.known}
+        self._tokens = {i: vocabulary.token_indices[colors[i]] for i in self.known}
 
     def draw(self, rng: np.random.Generator) -> tuple[int, ...]:
-        """For each of `COLORS`, the index of the colour that takes its place."""
-        drawn = np.arange(len(COLORS))
+        """For each colour, the index of the colour that takes its place."""
+        drawn = np.arange(self.n_colors)
         drawn[self.known] = rng.permutation(self.known)
         return tuple(drawn.tolist())
 

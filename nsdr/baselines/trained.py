@@ -21,6 +21,8 @@ from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic.program import Program
 from nsdr.types import Answer, ChoiceAnswer
 from nsdr.types.answers import answer_from_word
+from nsdr.validation import convert
+from nsdr.world.vocabulary import CLEVRER, Vocabulary as ObjectWords
 
 TEXTS_PER_BATCH = 64
 """Most texts about one video that are answered at once. Only the use of memory depends on it."""
@@ -51,7 +53,8 @@ class TrainedBaseline(PretrainedPart):
         details = load_description(folder, cls.part)
         try:
             system, sizes = str(details["system"]), details["sizes"]
-            vocabulary = Vocabulary(tuple(map(str, details["words"])), tuple(map(str, details["answers"])))
+            objects = convert(details["objects"], ObjectWords, "objects: ") if "objects" in details else CLEVRER
+            vocabulary = Vocabulary(tuple(map(str, details["words"])), tuple(map(str, details["answers"])), objects)
             known = vocabulary.sizes(int(sizes["channels"]), (int(sizes["grid"][0]), int(sizes["grid"][1])))
             kind, features = BASELINES[system], dict(details["features"])
         except (KeyError, TypeError, ValueError, IndexError, DataError) as e:
@@ -69,12 +72,17 @@ class TrainedBaseline(PretrainedPart):
         return self.network.config, self.details()
 
     def details(self) -> dict[str, Any]:
-        """Further content of the checkpoint's JSON: system, words, answers, sizes, features and number of parameters."""
+        """Further content of the checkpoint's JSON: system, words, answers, sizes, features and number of parameters.
+
+        `objects` has the words of objects if they are not CLEVRER's.
+        """
+        sizes, objects = self.network.sizes, self.vocabulary.objects
         return {
             "system": self.system,
             "words": self.vocabulary.words,
             "answers": self.vocabulary.answers,
-            "sizes": asdict(self.network.sizes),
+            **({} if objects == CLEVRER else {"objects": asdict(objects)}),
+            "sizes": {name: getattr(sizes, name) for name in ("words", "answers", "channels", "grid")},
             "features": self.features,
             "parameters": sum(p.numel() for p in self.network.parameters()),
         }
@@ -197,7 +205,7 @@ class TrainedBaseline(PretrainedPart):
             DataError: a video has no features; names it.
         """
         self.network.eval()
-        batch = make_batch(examples, features, self.network.needs)
+        batch = make_batch(examples, features, self.network.needs, self.vocabulary.objects)
         moved = batch._replace(**{name: t.to(self.device) for name, t in batch._asdict().items() if t is not None})
         is_choice = torch.tensor([e.is_choice for e in examples])
         return masked_scores(self.network(moved).float().cpu(), is_choice, self._possible).softmax(1)

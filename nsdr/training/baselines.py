@@ -21,6 +21,7 @@ from nsdr.evaluation.report import Report
 from nsdr.evaluation.score import score_answers
 from nsdr.io.configuration import config_of
 from nsdr.io.fingerprint import fingerprint
+from nsdr.io.worlds import world_beside
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import Count, PathName, PositiveCount, Settings, expect
@@ -33,7 +34,8 @@ class BaselineTraining(Settings):
     Attributes:
         run_dir: folder of the run; an interrupted run is resumed.
         system: name of the baseline in `nsdr.baselines.base.BASELINES`.
-        questions: question file in CLEVRER's format, with answers, and with programs where the system needs them.
+        questions: question file in CLEVRER's format, with answers, and with programs where the system needs them; its words
+            of objects are those of the data set that it is of.
         validation: such a file about other videos, on which the network is evaluated.
         output: folder of the finished checkpoint; "" for `run_dir/checkpoint`.
         features: folder of a `nsdr.baselines.features.files.FeatureCache`; "" for systems that see no video.
@@ -112,7 +114,7 @@ class BaselineTask(Task):
         self.config = config
         training, self.validation = read_questions(config.questions), read_questions(config.validation)
         kind = BASELINES[config.system]
-        vocabulary = Vocabulary.from_questions(training)
+        vocabulary = Vocabulary.from_questions(training, world_beside(config.questions).vocabulary)
         self.videos = training_examples(training, vocabulary, kind.needs)
         self.first = self.later = self.videos
         if config.plain_steps:
@@ -155,7 +157,7 @@ class BaselineTask(Task):
     def collate(self, examples: Sequence[Example]) -> TrainingBatch:
         """The batch of these texts."""
         return TrainingBatch(
-            make_batch(examples, self.features, self.trained.network.needs),
+            make_batch(examples, self.features, self.trained.network.needs, self.trained.vocabulary.objects),
             torch.tensor([e.is_choice for e in examples]),
             torch.tensor([e.answer for e in examples]),
         )

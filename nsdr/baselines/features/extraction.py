@@ -43,6 +43,7 @@ from nsdr.io.notes import Note, unsaid
 from nsdr.io.reading import read_json
 from nsdr.io.tasks import ENGINES
 from nsdr.io.video import read_frames, spaced
+from nsdr.io.worlds import world_beside
 from nsdr.types import VideoProposals
 from nsdr.validation import Count, PathName, Settings, one_of
 
@@ -110,8 +111,10 @@ class WordExtraction(_Extraction):
     features: WordConfig = field(default_factory=WordConfig)
 
     def resolved(self, kept: FeatureCache | None) -> "WordExtraction":
-        """The extraction itself: it has neither device nor precision."""
-        return self
+        """The same extraction with the words of the data set's world."""
+        words = world_beside(Path(self.root) / "manifest.json").vocabulary.words
+        features = replace(self.features, colors=words["color"], materials=words["material"], shapes=words["shape"])
+        return replace(self, features=features)
 
     def inputs(self) -> dict[int, Path | VideoProposals]:
         """The annotations or proposals by index of the video."""

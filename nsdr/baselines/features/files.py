@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 
 from nsdr.baselines.features.backbone import CHANNELS, FRAME_PARSER, PYRAMID_LEVELS, STRIDE
 from nsdr.errors import DataError, MachineError, machine_error
-from nsdr.frame_parser.model import FrameParserConfig
+from nsdr.frame_parser.model import FrameParserConfig, Words
 from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.configuration import config_of
 from nsdr.io.device import PRECISIONS
@@ -23,7 +23,8 @@ from nsdr.io.ledger import LEDGER
 from nsdr.io.reading import read_json
 from nsdr.validation import MAX_SIZE, Settings, Size, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES
+from nsdr.world.layout import MAX_OBJECTS
+from nsdr.world.vocabulary import CLEVRER
 
 KINDS = ("pooled", "maps", "objects")
 """Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
@@ -33,12 +34,12 @@ NAMES = ("detector",)
 """Settings that name weights. Features depend on the content of these weights, whose fingerprint is in the manifest."""
 BOX_NUMBERS = 4
 """Numbers for an object's box, after its features: left, top, right and bottom as shares of the image."""
-WORD_CHANNELS = sum(map(len, ATTRIBUTES.values())) + BOX_NUMBERS
-"""Numbers for an object that is described by words: a 0 or 1 for each attribute word, and its box."""
+WORDS = ("colors", "materials", "shapes")
+"""Settings that name words."""
 SOURCES = ("truth", "proposals")
 """Where objects that are described by words come from: annotations, or a frame parser's detections."""
-Objects = Annotated[int, Meta(ge=1, le=N_ATTRIBUTE_TRIPLES)]
-"""Number of objects in a video; they all differ in their attributes."""
+Objects = Annotated[int, Meta(ge=1, le=MAX_OBJECTS)]
+"""Number of objects in a video."""
 Side = Annotated[int, Meta(ge=STRIDE, le=MAX_SIZE)]
 """Height or width of an image (pixels)."""
 
@@ -153,6 +154,7 @@ class WordConfig(Settings):
         kinds: what is written: "pooled", "maps" and "objects".
         max_objects: objects of a video.
         source: whose words and boxes: "truth" (of the annotation) or "proposals" (of a frame parser's detections).
+        colors, materials, shapes: the words; `nsdr data features` takes those of the data set's world.
 
     Raises:
         DataError: a value out of its range; names it.
@@ -164,6 +166,9 @@ class WordConfig(Settings):
     kinds: tuple[str, ...] = KINDS
     max_objects: Objects = 10
     source: Annotated[str, one_of(SOURCES)] = "truth"
+    colors: Words = CLEVRER.words["color"]
+    materials: Words = CLEVRER.words["material"]
+    shapes: Words = CLEVRER.words["shape"]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -175,15 +180,23 @@ class WordConfig(Settings):
 
     def shape(self, kind: str) -> tuple[int, ...]:
         """Shape of a video's features of a kind, as in `nsdr.baselines.base.Batch` without its first axis."""
+        channels = sum(map(len, self.words.values())) + BOX_NUMBERS
         if kind == "pooled":
-            return self.frames, WORD_CHANNELS * math.prod(self.pooled_grid)
+            return self.frames, channels * math.prod(self.pooled_grid)
         if kind == "maps":
-            return self.frames, WORD_CHANNELS, *self.grid
-        return self.frames, self.max_objects, WORD_CHANNELS
+            return self.frames, channels, *self.grid
+        return self.frames, self.max_objects, channels
+
+    @property
+    def words(self) -> dict[str, tuple[str, ...]]:
+        """The words of each attribute: a 0 or 1 for each comes before an object's box."""
+        return {"color": self.colors, "material": self.materials, "shape": self.shapes}
 
     def manifest(self) -> dict[str, Any]:
-        """How features are made, as plain values."""
+        """How features are made, as plain values, without CLEVRER's words."""
         values = asdict(self)
+        if self.words == CLEVRER.words:
+            values = {name: value for name, value in values.items() if name not in WORDS}
         return _plain({"from": values.pop("source"), **values}, self)
 
 

@@ -4,25 +4,37 @@ True words and boxes separate learning to reason from perception. Networks that 
 """
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nsdr.baselines.features.files import BOX_NUMBERS, WORD_CHANNELS, WordConfig
+from nsdr.baselines.features.files import BOX_NUMBERS, WordConfig
+from nsdr.errors import DataError
 from nsdr.io.video import spaced
+from nsdr.io.worlds import world_in
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.types import VideoProposals
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
+from nsdr.world.camera import Camera
 from nsdr.world.shapes import rendered_rotation, surface_points
-from nsdr.world.vocabulary import ATTRIBUTES, N_ATTRIBUTE_TRIPLES, attribute_index, attributes_of
+from nsdr.world.vocabulary import Shape, Vocabulary
+from nsdr.world.world import World
 
 Array = NDArray[np.floating[Any]]
-WORDS = np.array(
-    [[word in attributes_of(i) for known in ATTRIBUTES.values() for word in known] for i in range(N_ATTRIBUTE_TRIPLES)],
-    np.float64,
-)
-"""(48, 13) which words each attribute index stands for, as 0 or 1."""
+
+
+@cache
+def _words(vocabulary: Vocabulary) -> Array:
+    """(attribute indices, words) which words each attribute index stands for, as 0 or 1: (48, 13) in CLEVRER."""
+    return np.array([[word in triple for word in vocabulary.attributes] for triple in vocabulary.triples], np.float64)
+
+
+def _check_words(world: World, config: WordConfig) -> None:
+    """Raise `DataError` unless the settings have the words of a world."""
+    if world.vocabulary.words != config.words:
+        theirs, ours = (", ".join(sum(words.values(), ())) for words in (world.vocabulary.words, config.words))
+        raise DataError(f"objects have the words of the world {world.name} ({theirs}); the features are of {ours}")
 
 
 def truth_features(annotation: dict[str, Any], config: WordConfig) -> dict[str, Array]:
@@ -40,14 +52,20 @@ def truth_features(annotation: dict[str, Any], config: WordConfig) -> dict[str, 
         - "maps": for each cell, words and box of the object that covers most of it, times the share of the cell that the
           object covers; the box is relative to the cell, in units of cells;
         - "pooled": the means of the maps over the cells of the coarser grid, as one vector.
+
+    Raises:
+        DataError: the annotation has other words than the settings.
     """
-    motion = annotation["motion_trajectory"]
+    world, motion = world_in(annotation), annotation["motion_trajectory"]
+    vocabulary = world.vocabulary
+    _check_words(world, config)
     frames = [{row["object_id"]: row for row in motion[i]["objects"]} for i in spaced(len(motion), config.frames)]
     objects = np.zeros(config.shape("objects"))
     for place, thing in enumerate(annotation["object_property"][: config.max_objects]):
-        words = WORDS[attribute_index(thing["color"], thing["material"], thing["shape"])]
+        words = _words(vocabulary)[vocabulary.index(thing["color"], thing["material"], thing["shape"])]
         states = [frame[thing["object_id"]] for frame in frames]
-        boxes = _boxes(thing["shape"], *(np.array([s[k] for s in states]) for k in ("location", "orientation")))
+        location, orientation = (np.array([s[k] for s in states]) for k in ("location", "orientation"))
+        boxes = _boxes(vocabulary.shape(thing["shape"]), location, orientation, world.camera)
         seen = np.array([s["inside_camera_view"] for s in states]) & (boxes[:, 2:] > boxes[:, :2]).all(1)
         objects[seen, place] = np.c_[np.tile(words, (len(boxes), 1)), boxes][seen]
     return _features(objects, config)
@@ -62,11 +80,16 @@ def detected_features(proposals: VideoProposals, config: WordConfig) -> dict[str
 
     Returns:
         See `truth_features`. Objects come from `linked_boxes`, and their boxes bound what is visible of them.
+
+    Raises:
+        DataError: the detections have other words than the settings.
     """
+    _check_words(proposals.world, config)
     frames = np.arange(proposals.n_frames) if proposals.processed is None else proposals.processed
     attribute, boxes = linked_boxes(proposals, config.max_objects)
     boxes = boxes[frames[spaced(len(frames), config.frames)]]
-    words = np.broadcast_to(WORDS[attribute], (*boxes.shape[:2], WORDS.shape[1]))
+    words = _words(proposals.world.vocabulary)[attribute]
+    words = np.broadcast_to(words, (*boxes.shape[:2], words.shape[1]))
     return _features(np.concatenate([words * boxes.any(2, keepdims=True), boxes], 2), config)
 
 
@@ -77,11 +100,11 @@ def linked_boxes(proposals: VideoProposals, max_objects: int) -> tuple[NDArray[n
     attributes show one object. Scores up to the tracker's threshold do not count. The N objects that are seen in most frames
     are kept, and the one seen in most frames comes first.
     """
-    p = proposals
+    p, camera = proposals, proposals.world.camera
     found = np.flatnonzero((p.score > TrackerConfig.score) & (p.area_px > 0))
     found = found[np.argsort(p.score[found], kind="stable")]
-    seen = np.zeros((N_ATTRIBUTE_TRIPLES, p.n_frames, BOX_NUMBERS), np.float32)
-    sides = np.array([WIDTH_PX, HEIGHT_PX, WIDTH_PX, HEIGHT_PX], np.float32)
+    seen = np.zeros((p.world.vocabulary.n_triples, p.n_frames, BOX_NUMBERS), np.float32)
+    sides = np.array([camera.width, camera.height, camera.width, camera.height], np.float32)
     # The scores ascend, so the best of two detections in a frame is written last and stays.
     seen[p.attribute[found], p.frame_index[found]] = p.box_xyxy_px[found] / sides
     order = np.argsort(-seen.any(2).sum(1), kind="stable")[:max_objects]
@@ -97,18 +120,19 @@ def _features(objects: Array, config: WordConfig) -> dict[str, Array]:
     return {kind: features[kind] for kind in config.kinds}
 
 
-def recolored(features: Mapping[str, Array], colors: Sequence[int]) -> dict[str, Array]:
+def recolored(features: Mapping[str, Array], colors: Sequence[int], n_words: int) -> dict[str, Array]:
     """The same features of words and boxes with other colours.
 
     Args:
         features: by kind, of the shapes in `nsdr.baselines.base.Batch` without the axis of the videos.
-        colors: for each of `COLORS`, the index of the one that takes its place.
+        colors: for each colour, the index of the one that takes its place.
+        n_words: number of words of all attributes.
 
     Returns:
         Arrays of the same shapes.
     """
-    channels = np.arange(WORD_CHANNELS)
-    channels[list(colors)] = range(len(colors))  # those of `COLORS` are the first ones
+    channels = np.arange(n_words + BOX_NUMBERS)
+    channels[list(colors)] = range(len(colors))  # colours are the first words
     found = dict(features)
     if "objects" in found:
         found["objects"] = found["objects"][..., channels]
@@ -116,14 +140,14 @@ def recolored(features: Mapping[str, Array], colors: Sequence[int]) -> dict[str,
         found["maps"] = found["maps"][:, channels]
     if "pooled" in found:
         pooled = found["pooled"]
-        found["pooled"] = pooled.reshape(len(pooled), WORD_CHANNELS, -1)[:, channels].reshape(pooled.shape)
+        found["pooled"] = pooled.reshape(len(pooled), len(channels), -1)[:, channels].reshape(pooled.shape)
     return found
 
 
-def _boxes(shape: str, location: Array, orientation: Array) -> Array:
+def _boxes(shape: Shape, location: Array, orientation: Array, camera: Camera) -> Array:
     """Left, top, right and bottom (F, 4), as shares of the image, of an object at locations (F, 3) with Euler angles (F, 3)."""
     turned = rendered_rotation(shape, orientation).as_matrix() @ surface_points(shape).T
-    shares = CLEVRER_CAMERA.pixels(turned.swapaxes(1, 2) + location[:, None]) / (WIDTH_PX, HEIGHT_PX)
+    shares = camera.pixels(turned.swapaxes(1, 2) + location[:, None]) / (camera.width, camera.height)
     return np.concatenate([shares.min(1), shares.max(1)], 1).clip(0, 1)
 
 

@@ -29,7 +29,7 @@ from torch.nn import functional
 
 from nsdr.baselines.base import Baseline, Batch, Sizes
 from nsdr.baselines.systems.layers import AnswerHead, MapEncoder, SpaceConv, TimeConv, initialise
-from nsdr.baselines.systems.program_graph import INSTRUCTIONS, MALFORMED, execute, program_graph
+from nsdr.baselines.systems.program_graph import MALFORMED, execute, instructions, program_graph
 from nsdr.validation import Settings, Size
 
 WHOLE_VIDEO = ("objects", "null")
@@ -114,7 +114,7 @@ class Modular(Baseline):
         """Run one instruction for N nodes.
 
         Args:
-            instruction: key of `INSTRUCTIONS`.
+            instruction: key of `instructions`.
             features: (N, F, h, w, width) features of the nodes' videos.
             arguments: (N, F, h, w, channels) each.
 
@@ -127,7 +127,7 @@ class Modular(Baseline):
         assert batch.maps is not None
         assert batch.program is not None
         features = self.stem(batch.maps)
-        graph = program_graph(batch.program, batch.video)
+        graph = program_graph(batch.program, batch.video, self.sizes.objects)
 
         def run(instruction: str, videos: Tensor, arguments: list[Tensor]) -> Tensor:
             return self.run_module(instruction, features[videos], arguments)
@@ -161,7 +161,9 @@ class Iep(Modular):
 
     def __init__(self, config: ModularConfig, sizes: Sizes) -> None:
         super().__init__(config, sizes)
-        self.program_modules = nn.ModuleDict({name: _Residual(config.width, n) for name, n in INSTRUCTIONS.items()})
+        self.program_modules = nn.ModuleDict(
+            {name: _Residual(config.width, n) for name, n in instructions(sizes.objects).items()}
+        )
         initialise(self, nn.init.kaiming_normal_)
 
     def run_module(self, instruction: str, features: Tensor, arguments: list[Tensor]) -> Tensor:
@@ -188,7 +190,7 @@ class TbdNet(Modular):
 
     def __init__(self, config: TbdConfig, sizes: Sizes) -> None:
         super().__init__(config, sizes)
-        names = [name for name in INSTRUCTIONS if name not in PARAMETERLESS]
+        names = [name for name in instructions(sizes.objects) if name not in PARAMETERLESS]
         self.program_modules = nn.ModuleDict({name: _tbd_module(name, config) for name in names})
         initialise(self, nn.init.kaiming_normal_)
 

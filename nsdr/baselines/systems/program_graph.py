@@ -7,25 +7,29 @@ one node, so what several texts have in common is computed once.
 
 from collections import defaultdict
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import product
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR, PROGRAM_TOKENS
+from nsdr.baselines.data import PAD, PROGRAM_SEPARATOR
 from nsdr.errors import ProgramError
-from nsdr.symbolic.modules import MODULES, WORDS
+from nsdr.question_parser.tokenizer import decoder_tokens
+from nsdr.symbolic.modules import MODULES, program_words
 from nsdr.symbolic.program import ANSWER_KINDS, Program
+from nsdr.world.vocabulary import Vocabulary
 
 MALFORMED = "malformed"
 """The instruction, without arguments, that stands for a program that is cut off, ill-typed or without an answer."""
 
 
-def _instructions() -> dict[str, int]:
-    table = {MALFORMED: 0}
-    words = {kind: [word for word, of in WORDS.items() if of == kind] for kind in WORDS.values()}
+@cache
+def instructions(vocabulary: Vocabulary) -> dict[str, int]:
+    """Number of arguments (0-2) of every instruction of the data set's programs, and of `MALFORMED`."""
+    table, kinds = {MALFORMED: 0}, program_words(vocabulary)
+    words = {kind: [word for word, of in kinds.items() if of == kind] for kind in kinds.values()}
     for module in (m for m in MODULES.values() if m.in_data_set):
         choices = [words[kinds[0]] for kinds in module.arguments if kinds[0] in words]
         for chosen in product(*choices):
@@ -33,15 +37,11 @@ def _instructions() -> dict[str, int]:
     return table
 
 
-INSTRUCTIONS = _instructions()
-"""Number of arguments (0-2) of every instruction of the data set's programs, and of `MALFORMED`."""
-
-
 class Node(NamedTuple):
     """A value to compute.
 
     Attributes:
-        instruction: key of `INSTRUCTIONS`.
+        instruction: key of `instructions`.
         video: row of the video.
         inputs: indices of the nodes whose values are the arguments; all of them are earlier nodes.
     """
@@ -63,18 +63,19 @@ class ProgramGraph(NamedTuple):
     texts: list[list[int]]
 
 
-def program_graph(programs: Tensor, videos: Tensor) -> ProgramGraph:
+def program_graph(programs: Tensor, videos: Tensor, vocabulary: Vocabulary) -> ProgramGraph:
     """The graph of B programs.
 
     Args:
         programs: (B, P) int64 token indices, as `Batch.program`.
         videos: (B,) int64 rows of the texts' videos.
+        vocabulary: of the tokens.
     """
     index: dict[Node, int] = {}
     texts = []
     for tokens, video in zip(programs.tolist(), videos.tolist(), strict=True):
         text: list[int] = []
-        for instruction, inputs in _steps(tuple(tokens)):
+        for instruction, inputs in _steps(tuple(tokens), vocabulary):
             node = Node(instruction, video, tuple([text[i] for i in inputs]))
             text.append(index.setdefault(node, len(index)))
         texts.append(text)
@@ -109,10 +110,10 @@ def execute(graph: ProgramGraph, run: Run, device: torch.device) -> list[Tensor]
 
 
 @lru_cache(maxsize=1 << 16)
-def _steps(tokens: tuple[int, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
+def _steps(tokens: tuple[int, ...], vocabulary: Vocabulary) -> tuple[tuple[str, tuple[int, ...]], ...]:
     """The instructions of a text's program, each with the steps of its arguments; `MALFORMED` alone if there is no program."""
     try:
-        program = _program(tokens)
+        program = _program(tokens, vocabulary)
     except ProgramError:
         return ((MALFORMED, ()),)
     steps: list[tuple[str, tuple[int, ...]]] = []
@@ -125,16 +126,19 @@ def _steps(tokens: tuple[int, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
     return tuple(steps)
 
 
-def _program(tokens: tuple[int, ...]) -> Program:
+def _program(tokens: tuple[int, ...], vocabulary: Vocabulary) -> Program:
     """The program that answers a text; raises `ProgramError` where there is none."""
     end = len(tokens)
     while end and tokens[end - 1] == PAD:
         end -= 1
     cut = tokens.index(PROGRAM_SEPARATOR) if PROGRAM_SEPARATOR in tokens else end
-    question, choice = ([PROGRAM_TOKENS[i] for i in part] for part in (tokens[:cut], tokens[cut + 1 : end]))
-    if not (MODULES.keys() | WORDS.keys()).issuperset(question + choice):
+    names = decoder_tokens(vocabulary)
+    question, choice = ([names[i] for i in part] for part in (tokens[:cut], tokens[cut + 1 : end]))
+    if not (MODULES.keys() | program_words(vocabulary).keys()).issuperset(question + choice):
         raise ProgramError("a token is neither a module nor a word")
-    program = Program.parse(question) if cut == end else Program.parse(choice).then(Program.parse(question))
+    program = Program.parse(question, vocabulary)
+    if cut != end:
+        program = Program.parse(choice, vocabulary).then(program)
     if program.needs_choice or program.result not in ANSWER_KINDS:
         raise ProgramError("the program gives no answer")
     return program
