@@ -38,7 +38,10 @@ BODY = np.dtype(
         ("height", float),
         ("outline", float, (OUTLINE_POINTS, 2)),  # points on the outline of a box, corner by corner
         ("inertia", float),  # moment of inertia per mass (world units²), of the bounding box as in Bullet
-        ("lever", float),  # with which spin adds to the speed over the ground in the test for rest (world units)
+        (
+            "lever",
+            float,
+        ),  # half of the mean width, with which spin adds to the speed over the ground in the test for rest
         ("restitution", float),
         ("threshold", float),  # gap below which Bullet handles a contact (world units)
         ("angular_damping", float),
