@@ -1,9 +1,11 @@
-"""The rewards in TRL's own trainer: three steps of a tiny model with random weights (extra `rl`; `docs/rewards.md`)."""
+"""Frameworks of reinforcement learning with tiny models of random weights (extra `rl`; `docs/rewards.md`)."""
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
+from benchmarks.seeing import FAMILIES, FRAMEWORKS, changes
 from nsdr import Scene, load, save
 from nsdr.clevrer import prompt, read_questions, solution
 from nsdr.clevrer.example import QUESTIONS, TRUTH
@@ -38,6 +40,23 @@ def tiny_model_and_tokenizer():
     return GPT2LMHeadModel(config), tokenizer
 
 
+def needs(module: str) -> pytest.MarkDecorator:
+    return pytest.mark.skipif(find_spec(module) is None, reason=f"{module} has an environment of its own")
+
+
+MODULES = {"trl": "trl", "verl": "verl", "ms-swift": "swift"}
+"""What the packages of `FRAMEWORKS` are imported as."""
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=needs(MODULES[f[0]])) for n, f in FRAMEWORKS.items()])
+def test_the_loss_sees_the_video(name: str, family: str) -> None:
+    found = changes(name, family)
+    assert found["again"] == 0
+    assert (min(found["blanked"], found["exchanged"]) > 1e-3) == (not name.endswith("blind"))
+
+
+@needs("trl")
 @pytest.mark.parametrize("conversational", [False, True])
 def test_three_steps_with_all_rewards(tmp_path: Path, conversational: bool) -> None:
     from datasets import Dataset
