@@ -3,7 +3,7 @@
     python -m benchmarks.seeing trl-grpo trl-sft -o results/seeing_trl.json
 
 A data set of one video is exported as it is, with the video blanked, and with the video exchanged for another. From each
-export, the framework's own code makes one training step's input for a tiny model with random weights. The model sees the video if
+export, the framework's own code makes one training step's input for a tiny model with random weights. It sees the video if
 the log-probabilities from which the loss is computed change with the video, and not without it.
 
 Needs the framework (for TRL, the extra `rl`), in an environment of its own. verl and ms-swift decode videos by qwen-vl-utils:
