@@ -2,15 +2,19 @@
 
 import importlib.util
 import re
+import shutil
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from msgspec.structs import replace
 
 from nsdr import DataError
 from nsdr.clevrer import read_answers, read_questions
 from nsdr.clevrer.example import QUESTIONS, VIDEO
+from nsdr.clevrer.files.questions import write_questions
 from nsdr.evaluation.responses import score_responses
+from nsdr.generate.export import ExportConfig, export_dataset
 
 PACK = Path(__file__).parents[1] / "integrations" / "lmms_eval"
 METRICS = re.compile(r"metric: (\w+), aggregation: !function utils\.(\w+)")
@@ -26,9 +30,21 @@ def _load() -> ModuleType:
 
 
 @pytest.fixture
-def utils(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.setenv("NSDR_QUESTIONS", str(QUESTIONS))
+def utils() -> ModuleType:
     return _load()
+
+
+@pytest.fixture
+def exported(tmp_path: Path) -> Path:
+    """The rows of the example."""
+    write_questions(
+        tmp_path / "data/questions/train.json", [replace(s, scene_index=2) for s in read_questions(QUESTIONS)]
+    )
+    video = tmp_path / "data/videos/train/video_00000-01000/video_00002.mp4"
+    video.parent.mkdir(parents=True)
+    shutil.copyfile(VIDEO, video)
+    export_dataset(ExportConfig(str(tmp_path / "data"), str(tmp_path / "rows"), "lmms_eval"))
+    return tmp_path / "rows" / "train.jsonl"
 
 
 def test_functions_of_the_task_exist(utils: ModuleType) -> None:
@@ -38,11 +54,12 @@ def test_functions_of_the_task_exist(utils: ModuleType) -> None:
 
 
 def test_the_task_gives_the_numbers_of_nsdr_score(
-    utils: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    utils: ModuleType, exported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NSDR_PREDICTIONS", str(tmp_path / "p.jsonl"))
-    docs = utils.rows(str(QUESTIONS), str(VIDEO.parent))
-    assert utils.doc_to_visual(docs[0]) == [str(VIDEO.resolve())]
+    docs = utils.rows(str(exported))
+    (shown,) = utils.doc_to_visual(docs[0])
+    assert Path(shown).read_bytes() == VIDEO.read_bytes()
     assert "Answer with" in utils.doc_to_text(docs[0])
     responses = [utils.doc_to_target(doc) if i % 3 else "A" for i, doc in enumerate(docs)]
     items: dict[str, list[dict[str, object]]] = {}
@@ -53,7 +70,7 @@ def test_the_task_gives_the_numbers_of_nsdr_score(
     assert items.keys() <= aggregations.keys()
     found = {metric: getattr(utils, aggregations[metric])(values) for metric, values in items.items()}
 
-    report = score_responses(read_questions(QUESTIONS), read_answers(tmp_path / "p.jsonl"))
+    report = score_responses(read_questions(tmp_path / "data/questions/train.json"), read_answers(tmp_path / "p.jsonl"))
     assert found.pop("unread") == len(report.responses["unread"]) > 0
     assert found.pop("descriptive") == report["descriptive"]["accuracy"]
     for metric, value in found.items():
@@ -62,16 +79,14 @@ def test_the_task_gives_the_numbers_of_nsdr_score(
 
 
 def test_missing_videos_and_variables_are_named(
-    utils: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    utils: ModuleType, exported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(DataError, match=r"has no video_500002.mp4, which .*questions_500002.json asks about"):
-        utils.rows(str(QUESTIONS), str(tmp_path))
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / VIDEO.name).write_bytes(b"of another data set")
-    with pytest.raises(DataError, match=r"a/video_500002\.mp4 and .*b/video_500002\.mp4 have one name"):
-        utils.rows(str(QUESTIONS), str(tmp_path))
-    monkeypatch.delenv("NSDR_QUESTIONS")
-    loaded = _load()  # lmms-eval imports all task packs of a folder, whichever is run
-    with pytest.raises(DataError, match="NSDR_QUESTIONS is not set"):
-        loaded.process_docs(None)
+    with pytest.raises(DataError, match="NSDR_ROWS is not set"):
+        utils.process_docs(None)
+    (shown,) = {doc["video"] for doc in utils.rows(str(exported))}
+    Path(shown).unlink()
+    monkeypatch.setenv("NSDR_ROWS", str(exported))  # read when the task is run
+    with pytest.raises(DataError, match=r"train.jsonl, line 1: .*video_00002.mp4 is missing"):
+        utils.process_docs(None)
+    with pytest.raises(DataError, match="expected a row of `nsdr export --format lmms_eval`"):
+        utils.rows(str(PACK / "rows.jsonl"))

@@ -1,8 +1,7 @@
-"""The functions of `clevrer.yaml`: questions of a CLEVRER file as prompts of `nsdr`, answers read and judged by `nsdr`.
+"""The functions of `clevrer.yaml`: rows of `nsdr export --format lmms_eval`, answers read and judged by `nsdr`.
 
-Environment variables:
-    NSDR_QUESTIONS: question file with answers, in CLEVRER's format.
-    NSDR_VIDEOS: folder of the videos, directly or in the official sub-folders of 1,000.
+Environment variables, read when the task is run:
+    NSDR_ROWS: a file of such an export, such as DIR/validation.jsonl; videos are found from its folder.
     NSDR_PREDICTIONS: file for the responses, which `nsdr score` reads; not written where it is not set.
 """
 
@@ -11,51 +10,42 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from nsdr.clevrer import prompt, read_questions, read_response, solution, write_responses
+from nsdr.clevrer import read_response, write_responses
 from nsdr.clevrer.answers.prompts import option_letters
-from nsdr.clevrer.layout import FolderFiles
 from nsdr.errors import DataError
+from nsdr.io.reading import parse_json_lines, read_json_bytes
 
-
-def _variable(name: str) -> str:
-    value = os.environ.get(name, "")
-    if not value:
-        raise DataError(f"{name} is not set; see the README of the task pack")
-    return value
-
-
-DATA_FILES = {"test": os.environ.get("NSDR_QUESTIONS", "NSDR_QUESTIONS is not set")}
-"""What `datasets` loads; `process_docs` then reads the same file by nsdr's own reader, which checks it. lmms-eval imports every
-task pack of a folder, so that a missing variable is an error only when this task is run."""
+DATA_FILES = {"test": str(Path(__file__).with_name("rows.jsonl"))}
+"""A row that says where the rows are. lmms-eval loads it, and imports every task pack of a folder, before `process_docs` reads
+the rows themselves."""
 
 
 def process_docs(_: Any) -> Any:
     """A row for each question, as a `datasets.Dataset`."""
     from datasets import Dataset
 
-    return Dataset.from_list(rows(_variable("NSDR_QUESTIONS"), _variable("NSDR_VIDEOS")))
+    path = os.environ.get("NSDR_ROWS", "")
+    if not path:
+        raise DataError("NSDR_ROWS is not set; see the README of the task pack")
+    return Dataset.from_list(rows(path))
 
 
-def rows(questions: str, videos: str) -> list[dict[str, Any]]:
-    """A row for each question: ids, type, prompt, texts of the options, the right answer, and the path of the video.
-
-    Args:
-        questions: question file.
-        videos: folder, which is searched with its subfolders for the videos.
+def rows(path: str) -> list[dict[str, Any]]:
+    """The rows of an export, with the paths of the videos from here.
 
     Raises:
-        DataError: a video is missing, two files have its name, or a question has no answer.
+        DataError: the file is no such export, a video is missing, or a question has no answer.
     """
-    files, found = FolderFiles(Path(videos)), []
-    for scene in read_questions(questions):
-        path = files.find_video(scene.video_filename)
-        if path is None:
-            raise DataError(f"{videos}: has no {scene.video_filename}, which {questions} asks about")
-        for question in scene.questions:
-            about = {"scene_index": scene.scene_index, "question_id": question.id, "type": question.type}
-            options = [{"text": c.text, "right": c.answer == "correct"} for c in question.choices]
-            texts = {"prompt": prompt(question), "target": solution(question), "answer": question.answer or ""}
-            found.append({**about, **texts, "options": options, "video": str(path.resolve())})
+    found = []
+    for number, row in parse_json_lines(read_json_bytes(path), path):
+        if not isinstance(row, dict) or "target" not in row:
+            raise DataError(f"{path}, line {number}: expected a row of `nsdr export --format lmms_eval`")
+        if row["target"] is None:
+            raise DataError(f"{path}, line {number}: has no answer; export a split with answers")
+        video = (Path(path).parent / row["video"]).resolve()
+        if not video.exists():
+            raise DataError(f"{path}, line {number}: {video} is missing; export with the videos")
+        found.append({**row, "video": str(video)})
     return found
 
 
@@ -77,14 +67,14 @@ def doc_to_target(doc: Mapping[str, Any]) -> str:
 def process_results(doc: Mapping[str, Any], results: Sequence[str]) -> dict[str, dict[str, Any]]:
     """The metrics of one response; what cannot be read counts as wrong in the question and in each of its options."""
     options = doc["options"]
-    response = read_response(results[0], [o["text"] for o in options])
+    response, expected = (read_response(text, options) for text in (results[0], doc["target"]))
     about = {"scene_index": doc["scene_index"], "question_id": doc["question_id"]}
     unread = {"unread": {**about, "response": results[0], "problem": response.problem}}
     if not options:
-        return {doc["type"]: {**about, **_judged([response.answer == doc["answer"]])}, **unread}
+        return {doc["type"]: {**about, **_judged([response.answer == expected.answer])}, **unread}
     letters = option_letters(len(options))
     given = response.answer if isinstance(response.answer, frozenset) else None
-    right = [given is not None and (x in given) == o["right"] for x, o in zip(letters, options, strict=True)]
+    right = [given is not None and (letter in given) == (letter in (expected.answer or ())) for letter in letters]
     per_option, per_question = {**about, **_judged(right)}, {**about, **_judged([all(right)])}
     return {f"{doc['type']}_per_option": per_option, f"{doc['type']}_per_question": per_question, **unread}
 
