@@ -108,7 +108,7 @@ def score_options(parser: Any) -> None:
     add = parser.add_argument
     add("predictions", help="JSON Lines, or an EvalAI submission")
     add("other", nargs="?", default=None, help="a second system's file, to be compared with the first")
-    add("--questions", type=NotEmptyStr, required=True, help="question file with answers, in CLEVRER's format")
+    add("--questions", type=NotEmptyStr, required=True, help="question file with answers, CLEVRER's or MVBench's")
     add("--allow-missing", action="store_true", help="leave out questions without an answer; else they count as wrong")
     add("-o", "--output", default=None, metavar="FILE", help="write the report as JSON")
 
@@ -116,6 +116,7 @@ def score_options(parser: Any) -> None:
 def score(options: Any) -> int:
     """`nsdr score`: the table of one system, or the difference of two."""
     from nsdr.clevrer.answers.answer_files import read_answers
+    from nsdr.evaluation.candidates import is_candidate_file
     from nsdr.evaluation.measures import compare_results, format_comparison
     from nsdr.evaluation.responses import score_responses
     from nsdr.io.files import write_json
@@ -123,6 +124,8 @@ def score(options: Any) -> int:
 
     files = [options.predictions] if options.other is None else [options.predictions, options.other]
     check_outputs([options.questions, *files], (options.output, (".json",)))
+    if is_candidate_file(options.questions):
+        return _score_candidates(options, files)
     questions, vocabulary = read_questions(options.questions), world_beside(options.questions).vocabulary
     reports = []
     for file in files:
@@ -139,6 +142,21 @@ def score(options: Any) -> int:
         document = {"files": files, "reports": [r.document() for r in reports], "comparison": comparison}
     if options.output is not None:
         write_json(options.output, document, indent=1)
+    return 0
+
+
+def _score_candidates(options: Any, files: list[str]) -> int:
+    """Scores of questions with candidates of which one is right, a system after the other."""
+    from nsdr.clevrer.answers.answer_files import read_answers
+    from nsdr.evaluation.candidates import candidates_text, read_candidate_questions, score_candidates
+    from nsdr.io.files import write_json
+
+    questions, reports = read_candidate_questions(options.questions), {}
+    for file in files:
+        reports[file] = score_candidates(questions, read_answers(file), options.allow_missing)
+        print(f"{file}:\n{candidates_text(reports[file])}\n")
+    if options.output is not None:
+        write_json(options.output, reports[files[0]] if len(files) == 1 else reports, indent=1)
     return 0
 
 
