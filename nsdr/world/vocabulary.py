@@ -18,6 +18,7 @@ NAMES = ("color", "material", "shape")
 MAX_WORDS = 20
 """Most words of each kind."""
 Word = Annotated[str, Meta(pattern="^[a-z]{2,20}$")]
+Words = Annotated[tuple[Word, ...], Meta(min_length=1, max_length=MAX_WORDS)]
 Level = Annotated[int, Meta(ge=0, le=255)]
 Length = Annotated[float, Meta(ge=0.02, le=5)]
 """World units: CLEVRER's objects are 0.4 wide."""

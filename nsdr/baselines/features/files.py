@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 
 from nsdr.baselines.features.backbone import CHANNELS, FRAME_PARSER, PYRAMID_LEVELS, STRIDE
 from nsdr.errors import DataError, MachineError, machine_error
-from nsdr.frame_parser.model import FrameParserConfig, Words
+from nsdr.frame_parser.model import FrameParserConfig
 from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.configuration import config_of
 from nsdr.io.device import PRECISIONS
@@ -24,7 +24,7 @@ from nsdr.io.reading import read_json
 from nsdr.validation import MAX_SIZE, Settings, Size, one_of
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.layout import MAX_OBJECTS
-from nsdr.world.vocabulary import CLEVRER
+from nsdr.world.vocabulary import CLEVRER, Words
 
 KINDS = ("pooled", "maps", "objects")
 """Kinds of features; the names of the fields of `nsdr.baselines.base.Batch`."""
