@@ -33,8 +33,8 @@ from nsdr.tracking.localization import outline
 from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
-from nsdr.world.physics_constants import GRAVITY, GROUND_FRICTION, LINEAR_DAMPING, STEP_SECONDS, STEPS_PER_FRAME
 from nsdr.world.shapes import hull_vertices, rendered_rotation
+from nsdr.world.world import CLEVRER_WORLD
 from tests.resimulation import resimulate
 
 
@@ -61,10 +61,11 @@ def test_hulls_have_the_size_of_the_objects(shape: str) -> None:
 def test_sliding_follows_the_law_of_deceleration() -> None:
     with Simulator() as simulator:
         motion = simulator.run([ball(-2, 0, 2.8), cube(-2, 1, 2.8)], 60)
-    for body, friction in ((0, 0.0), (1, GROUND_FRICTION["cube"] * GRAVITY)):
+    physics = CLEVRER_WORLD.physics
+    for body, friction in ((0, 0.0), (1, CLEVRER_WORLD.vocabulary.shape("cube").friction * physics.gravity)):
         speed = 2.8
-        for _ in range(59 * STEPS_PER_FRAME):
-            speed -= (LINEAR_DAMPING * speed + LINEAR_DAMPING * speed**2 + friction) * STEP_SECONDS
+        for _ in range(59 * physics.steps_per_frame):
+            speed -= (physics.linear_damping * (speed + speed**2) + friction) * physics.step_seconds
         assert motion.velocity[body, -1, 0] == pytest.approx(speed, abs=0.01)
 
 
