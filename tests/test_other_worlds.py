@@ -262,7 +262,7 @@ def test_a_data_set_of_another_world_is_not_continued(folder) -> None:
 
 def test_scales_compare_a_world_with_clevrers() -> None:
     assert set(CLEVRER_WORLD.scales) == {1.0}
-    assert DISCS.scales == pytest.approx((0.3 / 0.4, 1.0, 5 / 4, 45 / 28, 320 / 480))
+    assert DISCS.scales == pytest.approx((0.3 / 0.4, 1.0, 5 / 4, 45 / 28, 320 / 480, 8.0 / 9.81))
 
 
 def test_directions_are_seen_from_the_camera() -> None:

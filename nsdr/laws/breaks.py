@@ -17,12 +17,11 @@ from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.sliding import fit_sliding, law_of
 from nsdr.laws.stretches import CUT_GAIN, MIN_PART_POSITIONS, TrackPositions, TrackStretch, costs
 from nsdr.validation import FloatArray
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.physics_constants import FRAME_SECONDS
+from nsdr.world.world import Scales
 
 MIN_NOISE_WORLD, FIRST_NOISE_WORLD = 0.004, 0.005
 """Smallest standard deviation of positions, which is measured in each video, and the one with which stretches are first cut to
-measure it (world units)."""
+measure it (world units in CLEVRER)."""
 MERGE_GAIN = 6.0
 """Two stretches without a contact between them are merged if a single stretch costs at most this much more (nats). Chosen on
 the training suites of docs/judge.md."""
@@ -34,20 +33,20 @@ SURE_FRAMES = 8
 """Smallest number of positions on each side of a cut that shows that they are not those of another object."""
 BORDER_PX = 10.0
 """The position of an object whose box is nearer to the image border is unreliable: official proposals are inexact there
-(pixels)."""
-JUMP_NOISE_WORLD = {"cube": 0.015, "cylinder": 0.006, "sphere": 0.006}
-KICK_NOISE_WORLD_PER_S = {"cube": 0.06, "cylinder": 0.03, "sphere": 0.03}
+(pixels of CLEVRER's images)."""
+JUMP_NOISE_WORLD = {"box": 0.015, "cylinder": 0.006, "sphere": 0.006}
+KICK_NOISE_WORLD_PER_S = {"box": 0.06, "cylinder": 0.03, "sphere": 0.03}
 """Standard deviations of a change of position and of velocity in addition to the errors of the fits (world units, world
-units/s). Those of cubes are larger, because cubes turn and their outlines change."""
+units/s in CLEVRER). Those of boxes are larger, because boxes turn and their outlines change."""
 HIDDEN_NOISE_WORLD = 0.04
 """Standard deviation in place of `JUMP_NOISE_WORLD` if an object is at least partly hidden for more than `JUMP_FRAMES` frames
-(world units). Of 193 such changes in lawful videos of `train`, one in fifty looks like a jump of more than 0.086, the largest
-like one of 0.17 (`python -m benchmarks.violations --lawful PROPOSALS_TRAIN.npz --every 48 --first 5 --jumps`)."""
+(world units in CLEVRER). Of 193 such changes in lawful videos of `train`, one in fifty looks like a jump of more than 0.086,
+the largest like one of 0.17 (`python -m benchmarks.violations --lawful PROPOSALS_TRAIN.npz --every 48 --first 5 --jumps`)."""
 JUMP_FRAMES = 6
 """After more frames without a reliable position, the position is weaker evidence of a jump (`HIDDEN_NOISE_WORLD`). After more
 frames without any position, it is no evidence if a visible object can have hit the object."""
 SLIGHT_WORLD, SLIGHT_WORLD_PER_S = 0.015, 0.08
-"""Smaller changes of position and velocity are ignored (world units, world units/s)."""
+"""Smaller changes of position and velocity are ignored (world units, world units/s in CLEVRER)."""
 SEEN_GAP_FRAMES = 3
 """A change is observed directly if the reliable positions before and after it are at most this far apart (frames)."""
 MIN_MARGIN_FRAMES, MAX_MARGIN_FRAMES = 0.3, 1.2
@@ -103,7 +102,9 @@ class Break:
         """Times at which the change may happen, half a frame apart: around `frame`, or while it is not seen (frames)."""
         low, high, margin = float(self.seen[0]), float(self.seen[1]), MAX_MARGIN_FRAMES
         if self.hidden_frames <= SEEN_GAP_FRAMES:
-            error = self.position_variance**0.5 / max(float(np.hypot(*self.change)) * FRAME_SECONDS, 1e-9)
+            error = self.position_variance**0.5 / max(
+                float(np.hypot(*self.change)) * self.before.track.frame_seconds, 1e-9
+            )
             low, high, margin = self.frame, self.frame, MIN_MARGIN_FRAMES + min(3 * error, MAX_MARGIN_FRAMES)
         low, high = min(low, self.frame) - margin, max(high, self.frame) + margin
         return np.linspace(low, high, 2 + round(2 * (high - low)))
@@ -136,7 +137,9 @@ class Break:
         nats = size² / (2 (variance + noise²))
         """
         size = float(np.hypot(*(self.after.position_at(np.array([self.frame]))[0] - self.position)))
-        noise = HIDDEN_NOISE_WORLD if self.hidden_frames > JUMP_FRAMES else JUMP_NOISE_WORLD[self.before.shape]
+        is_hidden = self.hidden_frames > JUMP_FRAMES
+        noise = HIDDEN_NOISE_WORLD if is_hidden else JUMP_NOISE_WORLD[self.before.shape.solid]
+        noise *= self._scales.size
         return MotionChange(size, size**2 / (2 * (self.position_variance + noise**2)))
 
     def kick(self) -> MotionChange:
@@ -144,7 +147,7 @@ class Break:
 
         nats = size² / (2 (variance + noise²))
         """
-        size, noise = float(np.hypot(*self.change)), KICK_NOISE_WORLD_PER_S[self.before.shape]
+        size, noise = float(np.hypot(*self.change)), kick_noise(self.before)
         variance = sum(s.velocity_variance(s.track.noise) for s in (self.before, self.after))
         return MotionChange(size, size**2 / (2 * (variance + noise**2)))
 
@@ -156,7 +159,18 @@ class Break:
     @property
     def is_slight(self) -> bool:
         """Whether the change is so small that a few inexact positions explain it, as in the frames of a contact."""
-        return self.jump().size < SLIGHT_WORLD and self.kick().size < SLIGHT_WORLD_PER_S
+        scales = self._scales
+        slow = SLIGHT_WORLD_PER_S * scales.speed
+        return self.jump().size < SLIGHT_WORLD * scales.size and self.kick().size < slow
+
+    @property
+    def _scales(self) -> Scales:
+        return self.before.track.scales
+
+
+def kick_noise(stretch: TrackStretch) -> float:
+    """Standard deviation of a change of the velocity of an object, in addition to errors of the fits (world units/s)."""
+    return KICK_NOISE_WORLD_PER_S[stretch.shape.solid] * stretch.track.scales.speed
 
 
 def positions_of(states: MotionStates, i: int, noise: float, known_ground: bool) -> TrackPositions:
@@ -166,14 +180,17 @@ def positions_of(states: MotionStates, i: int, noise: float, known_ground: bool)
         states: motion states of the objects.
         i: id of the object.
         noise: standard deviation of each coordinate of reliable positions (world units).
-        known_ground: whether the ground is known to be CLEVRER's.
+        known_ground: whether the ground is known to be the world's.
     """
     frames = np.flatnonzero(states.detected[i])
     box = states.box_xyxy_px[i, frames]
-    near_border = ((box[:, :2] < BORDER_PX) | (np.array([WIDTH_PX, HEIGHT_PX]) - box[:, 2:] < BORDER_PX)).any(1)
+    world, size_px = states.world, np.array([states.camera.width, states.camera.height])
+    border = BORDER_PX * world.scales.px
+    near_border = ((box[:, :2] < border) | (size_px - box[:, 2:] < border)).any(1)
     weight = np.where(near_border, UNRELIABLE_WEIGHT, states.weight[i, frames])
     o, location = states.objects[i], states.location_world[i, frames]
-    return TrackPositions(i, o.shape, law_of(o, states.world), frames, location, weight, noise, known_ground)
+    of_object = world.vocabulary.shape(o.shape), law_of(o, world), world.scales
+    return TrackPositions(i, *of_object, frames, location, weight, noise, known_ground)
 
 
 def cut(track: TrackPositions) -> list[TrackStretch]:
@@ -228,13 +245,14 @@ def _best_cut_near(track: TrackPositions, a: int, b: int, c: int) -> int:
     return b
 
 
-def noise_of(stretches: Iterable[TrackStretch]) -> float:
+def noise_of(stretches: Iterable[TrackStretch], scales: Scales) -> float:
     """Standard deviation of each coordinate of reliable positions from their stretches (world units)."""
     every = np.concatenate(
         [np.zeros(0), *(s.residual[s.reliable] for s in stretches if len(s) > 2 * MIN_PART_POSITIONS)]
     )
     # The median distance from the mean of a normal distribution in the plane is 1.18 standard deviations.
-    return max(float(np.median(every)) / 1.18 if len(every) else FIRST_NOISE_WORLD, MIN_NOISE_WORLD)
+    first, least = FIRST_NOISE_WORLD * scales.size, MIN_NOISE_WORLD * scales.size
+    return max(float(np.median(every)) / 1.18 if len(every) else first, least)
 
 
 @cached_njit
@@ -259,7 +277,7 @@ def _cuts(track: TrackPositions, a: int, b: int) -> list[int]:
     """Indices at which the positions a to b - 1 are cut, in ascending order."""
     if b - a < 2 * MIN_PART_POSITIONS:
         return []
-    seconds, location, weight = track.frames[a:b] * FRAME_SECONDS, track.location[a:b], track.weight[a:b]
+    seconds, location, weight = track.frames[a:b] * track.frame_seconds, track.location[a:b], track.weight[a:b]
     k, cost = _best_cut(track.law, seconds, location, weight, track.noise, MIN_PART_POSITIONS)
     if track.stretch(a, b).cost - cost < CUT_GAIN:
         return []

@@ -12,8 +12,6 @@ from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Judgement, VideoProposals, VideoTracks, Violation
 from nsdr.validation import FloatArray, IntArray
-from nsdr.world.physics_constants import FPS
-from nsdr.world.world import check_as_clevrer
 
 EVEN_NATS = {
     "permanence": 6.0,
@@ -47,9 +45,9 @@ def judge_proposals(
     tracker: TrackerConfig | None = None,
     late: FloatArray | None = None,
 ) -> Judgement:
-    """Judge which laws of CLEVRER's world a video breaks, which objects break them, and when.
+    """Judge which laws of its world a video breaks, which objects break them, and when.
 
-    The tracks are explained by lawful motion (free sliding between contacts, with masses and restitutions in CLEVRER's range
+    The tracks are explained by lawful motion (free sliding between contacts, with masses and restitutions in the world's range
     and the noise of positions measured in the video) and by motion that breaks a law; see `nsdr.laws.motion`. Motion that is
     hidden, cut by the image border or short gives little or no evidence.
 
@@ -59,7 +57,7 @@ def judge_proposals(
     Args:
         proposals: proposals in the frames of the video.
         tracker: thresholds of the tracker.
-        late: (F,) delay of each frame relative to a video at 25 frames per second (frames), not 0 for videos at another rate;
+        late: (F,) delay of each frame relative to a video at the world's frame rate (frames), not 0 for videos at another rate;
             None for no delays.
 
     Returns:
@@ -81,20 +79,20 @@ def judge_tracks(
         proposals: proposals from which the tracks were made; None for tracks from elsewhere, whose objects keep their words.
         late: (F,) delays of the frames, as in `judge_proposals`.
     """
-    check_as_clevrer(tracks.world, "the judge")
     processed = processed_frames(tracks, proposals)
-    _spacing(processed)
+    fps = tracks.world.timeline.fps
+    _spacing(processed, fps)
     timing = timing_of(tracks, processed, np.zeros(tracks.n_frames) if late is None else late)
-    spacing = _spacing(timing.slots)
+    spacing = _spacing(timing.slots, fps)
     found = judgement_of(tracks, evidence_in_time(tracks, timing, proposals))
-    return replace(found, notes=(*found.notes, *timing.notes, *spacing_notes(spacing)))
+    return replace(found, notes=(*found.notes, *timing.notes, *spacing_notes(spacing, fps)))
 
 
-def spacing_notes(spacing_frames: float) -> tuple[str, ...]:
+def spacing_notes(spacing_frames: float, fps: int) -> tuple[str, ...]:
     """Notes on a judgement of frames with a large spacing; empty if there is nothing to say."""
     if spacing_frames <= SAFE_SPACING_FRAMES:
         return ()
-    rate = FPS / spacing_frames
+    rate = fps / spacing_frames
     return (f"{rate:.3g} frames a second are few: about one lawful video in thirty seems to break a law",)
 
 
@@ -114,7 +112,7 @@ def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement
     return Judgement(objects, tracks.n_frames, tuple(violations), 1 - lawful, tracks.notes)
 
 
-def _spacing(frames: IntArray) -> float:
+def _spacing(frames: IntArray, fps: int) -> float:
     """Median number of frames from one processed frame to the next.
 
     Raises:
@@ -124,6 +122,6 @@ def _spacing(frames: IntArray) -> float:
         raise VideoError(f"{len(frames)} different frames are too few to judge; expected {MIN_JUDGED_FRAMES} or more")
     spacing = float(np.median(np.diff(frames)))
     if spacing > MAX_SPACING_FRAMES:
-        least = f"expected {FPS / MAX_SPACING_FRAMES:.0f} or more, and a stride of no more than {MAX_SPACING_FRAMES}"
-        raise VideoError(f"{FPS / spacing:.3g} frames a second are too few to judge; {least}")
+        least = f"expected {fps / MAX_SPACING_FRAMES:.0f} or more, and a stride of no more than {MAX_SPACING_FRAMES}"
+        raise VideoError(f"{fps / spacing:.3g} frames a second are too few to judge; {least}")
     return spacing

@@ -18,11 +18,11 @@ from nsdr.dynamics.physics.bodies import corner_world
 from nsdr.laws.breaks import (
     FIRST_NOISE_WORLD,
     JUMP_FRAMES,
-    KICK_NOISE_WORLD_PER_S,
     MIN_EVIDENCE,
     SURE_FRAMES,
     Break,
     cut,
+    kick_noise,
     merge,
     noise_of,
     positions_of,
@@ -30,18 +30,16 @@ from nsdr.laws.breaks import (
 from nsdr.laws.stretches import CUT_GAIN, TrackStretch
 from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
-from nsdr.world.physics_constants import MASS_RANGE, OBJECT_RADIUS_WORLD
-from nsdr.world.vocabulary import CLEVRER
 
 REACH_NOISE_WORLD = 0.01
-"""Standard deviation of the distance at which two objects touch (world units)."""
+"""Standard deviation of the distance at which two objects touch (world units in CLEVRER)."""
 SAME_FRAMES = 3
 """Two objects whose motion changes within this many frames may do so in the same contact."""
 UNSEEN_FRAMES = 10
 """Objects may touch up to this long before they are first seen or after they are last seen (frames)."""
 CROWDED_FRAMES, CROWDED_WORLD = 10, 0.7
-"""The effect of a contact is unknown if the motion of one of the objects, or of a third object this near (world units), also
-changes within this many frames. Chosen on the training suites of docs/judge.md."""
+"""The effect of a contact is unknown if the motion of one of the objects, or of a third object this near (world units in
+CLEVRER), also changes within this many frames. Chosen on the training suites of docs/judge.md."""
 MAX_HIDDEN_FRAMES = 24
 """If an object is hidden for longer at a change, the change does not show the effect of a single contact (frames)."""
 CAUSE_FRAMES = 6
@@ -50,12 +48,14 @@ TOUCH_NATS = 4.0
 """Two objects touch if there is less evidence than this against their contact (nats)."""
 BROKEN_NATS = 200.0
 """Upper limit of the evidence of each broken law when both directions of time are compared (nats)."""
-MASS_RATIOS = np.geomspace(MASS_RANGE[0] / MASS_RANGE[1], MASS_RANGE[1] / MASS_RANGE[0], 15)
-"""Ratios of the masses of two objects that are tried to explain a collision."""
-MAX_RESTITUTION = 0.8
-"""Largest restitution that a collision may show; CLEVRER's is 0.64, and up to 0.76 was measured in official proposals."""
+MASS_RATIOS = 15
+"""Number of ratios of the masses of two objects that are tried to explain a collision."""
+MORE_RESTITUTION = 0.16
+"""A collision may show a restitution that is larger by this than that of its objects; CLEVRER's is 0.64, and up to 0.76 was
+measured in official proposals."""
 MIN_CLOSING_WORLD_PER_S = 0.05
-"""Lower limit of the approach speed by which the separation speed is divided for a restitution (world units/s)."""
+"""Lower limit of the approach speed by which the separation speed is divided for a restitution (world units/s
+in CLEVRER)."""
 MIN_ALONG = 0.6
 """Smallest cosine of the angle between an impulse and the line of centres, which differ because cubes push along the normal of
 their sides."""
@@ -80,11 +80,14 @@ def cut_motion(states: MotionStates, noise: float | None = None, known_ground: b
     Args:
         states: motion states of the objects.
         noise: standard deviation of each coordinate of reliable positions (world units); None to measure it.
-        known_ground: whether the ground is known to be CLEVRER's.
+        known_ground: whether the ground is known to be the world's.
     """
     every = range(len(states.objects))
     if noise is None:
-        noise = noise_of(s for i in every for s in cut(positions_of(states, i, FIRST_NOISE_WORLD, known_ground=True)))
+        scales = states.world.scales
+        first_noise = FIRST_NOISE_WORLD * scales.size
+        tracks = (positions_of(states, i, first_noise, known_ground=True) for i in every)
+        noise = noise_of((s for one in tracks for s in cut(one)), scales)
     first = PiecewiseMotion(states, noise, [cut(positions_of(states, i, noise, known_ground)) for i in every])
     # Cuts of one object are compared with the first cuts of all others, including those that have been merged since.
     return replace(first, stretches=[merge(one, first.is_explained) for one in first.stretches])
@@ -194,7 +197,7 @@ class PiecewiseMotion:
 
     def _contact(self, b: Break, j: int) -> "_Contact | None":
         """How well a contact with object j explains a change of motion; None if object j is not seen around it."""
-        frame, (gap, nats) = b.frame, self._gap(b, j)
+        gap, nats = self._gap(b, j)
         if np.isinf(nats):
             return None
         sides = self._sides(b, j)
@@ -203,7 +206,7 @@ class PiecewiseMotion:
             # An object that is hidden for long may have changed twice.
             hidden = [o.hidden_frames for o in (b, *self._changes_with(b, j))]
             if max(hidden) <= MAX_HIDDEN_FRAMES and all(len(s) >= SURE_FRAMES for s in (b.before, b.after, *sides)):
-                exchange, restitution = _exchange((b.before, b.after), sides, frame)
+                exchange, restitution = self._exchange(b, j, sides)
         return _Contact(j, gap, nats, exchange, restitution)
 
     def _changes_with(self, b: Break, j: int) -> list[Break]:
@@ -224,9 +227,9 @@ class PiecewiseMotion:
         near = self._near(j, when)
         for one in (b.before, b.after):
             for other in near:
-                reach = 2 * OBJECT_RADIUS_WORLD + sum(corner_world(CLEVRER.shape(s.shape)) for s in (one, other))
+                reach = _touching(one, other) + sum(corner_world(s.shape) for s in (one, other))
                 gaps = np.maximum(_distance(one, other, when) - reach, 0.0)
-                found = gaps**2 / (2 * _distance_variance(one, other, when))
+                found = gaps**2 / (2 * self._distance_variance(one, other, when))
                 if found.min() < nats:
                     gap, nats = float(gaps[found.argmin()]), float(found.min())
         return gap, nats
@@ -240,7 +243,7 @@ class PiecewiseMotion:
 
     def _is_crowded(self, b: Break, j: int) -> bool:
         """Whether other changes happen around a contact with object j, so that its effect cannot be seen alone."""
-        frame, pair = b.frame, [b.i, j]
+        frame, pair, crowded = b.frame, [b.i, j], CROWDED_WORLD * self.states.world.scales.size
         around = slice(max(round(frame) - CROWDED_FRAMES, 0), round(frame) + CROWDED_FRAMES + 1)
         places = np.where(self.states.present[..., None], self.states.location_world, np.nan)[:, around]
         for k, breaks in enumerate(self.breaks):
@@ -251,14 +254,16 @@ class PiecewiseMotion:
                 if k in pair:
                     if since > SAME_FRAMES:
                         return True
-                elif (np.linalg.norm(places[pair] - places[k], axis=-1) < CROWDED_WORLD).any():
+                elif (np.linalg.norm(places[pair] - places[k], axis=-1) < crowded).any():
                     return True
         return False
 
     def _unseen_nats(self, b: Break) -> float:
         """Evidence against a hit by an object centred outside the image (nats): 0 if it can be there, otherwise infinite."""
-        other = b.position - 2 * OBJECT_RADIUS_WORLD * b.change / max(float(np.hypot(*b.change)), 1e-9)
-        centre = self.states.camera.pixels(on_ground(other[None]))[0]
+        shape = b.before.shape
+        reach = shape.radius_world + max(one.radius_world for one in self.states.world.vocabulary.shapes)
+        other = b.position - reach * b.change / max(float(np.hypot(*b.change)), 1e-9)
+        centre = self.states.camera.pixels(on_ground(other[None], shape.height_world))[0]
         size = self.states.camera.width, self.states.camera.height
         return np.inf if (centre > 0).all() and (centre < size).all() else 0.0
 
@@ -280,14 +285,32 @@ class PiecewiseMotion:
         if not len(frames):
             return None
         distance = _distance(one, other, frames)
-        depth = np.maximum(2 * OBJECT_RADIUS_WORLD - distance, 0.0)
-        nats = depth**2 / (2 * _distance_variance(one, other, frames))
+        depth = np.maximum(_touching(one, other) - distance, 0.0)
+        nats = depth**2 / (2 * self._distance_variance(one, other, frames))
         inside, deepest = frames[depth > 0], int(nats.argmax())
         if not len(inside):
             return None
         pair = (other.track.i, one.track.i)
         found = int(inside[0]), int(inside[-1]) + 1, float(distance[deepest])
         return Evidence("solidity", pair, *found, "world units", float(nats[deepest]))
+
+    def _distance_variance(self, one: TrackStretch, other: TrackStretch, frames: FloatArray) -> FloatArray:
+        """(F,) variance of the distance between two objects minus the distance at which they touch (world units²)."""
+        mine, others = (s.position_variance(frames, s.track.noise) for s in (one, other))
+        return mine + others + (REACH_NOISE_WORLD * self.states.world.scales.size) ** 2
+
+    @cached_property
+    def _mass_ratios(self) -> FloatArray:
+        """Ratios of the masses of two objects that are tried to explain a collision."""
+        low, high = self.states.world.physics.mass_range
+        return np.geomspace(low / high, high / low, MASS_RATIOS)
+
+    def _exchange(self, b: Break, j: int, sides: Sequence[TrackStretch]) -> tuple[float, float]:
+        """`_exchange` of a changing object with object j, whose motion before and after the change is `sides`."""
+        world, objects = self.states.world, self.states.objects
+        restitution = world.vocabulary.pair_restitution(objects[b.i].material, objects[j].material)
+        most, least_speed = restitution + MORE_RESTITUTION, MIN_CLOSING_WORLD_PER_S * world.scales.speed
+        return _exchange((b.before, b.after), sides, b.frame, self._mass_ratios, most, least_speed)
 
 
 def strongest(found: Iterable[Evidence]) -> list[Evidence]:
@@ -336,37 +359,45 @@ def _distance(one: TrackStretch, other: TrackStretch, frames: FloatArray) -> Flo
     return np.asarray(np.linalg.norm(one.position_at(frames) - other.position_at(frames), axis=1))
 
 
-def _distance_variance(one: TrackStretch, other: TrackStretch, frames: FloatArray) -> FloatArray:
-    """(F,) variance of the distance between two objects minus the distance at which they touch (world units²)."""
-    mine, others = (s.position_variance(frames, s.track.noise) for s in (one, other))
-    return mine + others + REACH_NOISE_WORLD**2
+def _touching(one: TrackStretch, other: TrackStretch) -> float:
+    """The least distance of the centres of two objects that do not overlap (world units)."""
+    return sum(min(s.shape.size_world[:2]) / 2 for s in (one, other))
 
 
-def _exchange(mine: Sequence[TrackStretch], other: Sequence[TrackStretch], frame: float) -> tuple[float, float]:
+def _exchange(
+    mine: Sequence[TrackStretch],
+    other: Sequence[TrackStretch],
+    frame: float,
+    ratios: FloatArray,
+    max_restitution: float,
+    min_closing: float,
+) -> tuple[float, float]:
     """Evidence against a lawful collision in the velocity changes of two objects (nats), and their coefficient of restitution.
 
     Under the laws, the impulses on both objects are opposite, within acos(`MIN_ALONG`) of the line of centres.
-    They are at most those of `MAX_RESTITUTION` and, unless one object is a cube, which may start to spin, at least those of a
-    perfectly inelastic collision. The masses are anything in `MASS_RANGE`.
+    They are at most those of `max_restitution` and, unless one object is a box, which may start to spin, at least those of a
+    perfectly inelastic collision.
 
     Args:
         mine: stretches of the first object before and after the collision.
         other: stretches of the second object before and after the collision.
         frame: frame of the collision.
+        ratios: ratios of the masses of the two objects.
+        max_restitution: largest restitution that the collision may show.
+        min_closing: lower limit of the approach speed by which the separation speed is divided (world units/s).
     """
     at = np.array([frame])
     p, q = mine[0].position_at(at)[0], other[0].position_at(at)[0]
     (before, after), (other_before, other_after) = ([s.velocity_at(at)[0] for s in pair] for pair in (mine, other))
     change, other_change = after - before, other_after - other_before
     variance, other_variance = (
-        sum((s.velocity_variance(s.track.noise) for s in pair), KICK_NOISE_WORLD_PER_S[pair[0].shape] ** 2)
-        for pair in (mine, other)
+        sum((s.velocity_variance(s.track.noise) for s in pair), kick_noise(pair[0]) ** 2) for pair in (mine, other)
     )
     away = (p - q) / max(float(np.hypot(*(p - q))), 1e-9)
     approach = before - other_before
-    rotates = any(pair[0].shape == "cube" for pair in (mine, other))
+    rotates = any(pair[0].shape.solid == "box" for pair in (mine, other))
     best = np.inf
-    for ratio in MASS_RATIOS:
+    for ratio in ratios:
         # The impulse (per mass of the first object) that explains both changes best, then the nearest one that is allowed.
         weight, other_weight = 1 / variance, ratio**2 / other_variance
         impulse = (weight * change - other_weight / ratio * other_change) / (weight + other_weight)
@@ -378,10 +409,10 @@ def _exchange(mine: Sequence[TrackStretch], other: Sequence[TrackStretch], frame
         closing, across = -float(approach @ normal), float(np.hypot(*(approach - (approach @ normal) * normal)))
         off_by = 2 * across * min(float(min(variance, other_variance)) ** 0.5 / max(size, 1e-9), 1.0)
         least, most = (max(closing + sign * off_by, 0.0) / (1 + ratio) for sign in (-1, 1))
-        size = min(max(size, 0.0 if rotates else least), (1 + MAX_RESTITUTION) * most)
+        size = min(max(size, 0.0 if rotates else least), (1 + max_restitution) * most)
         impulse = size * normal
         off, other_off = change - impulse, other_change + ratio * impulse
         best = min(best, float(off @ off) / (2 * variance) + float(other_off @ other_off) / (2 * other_variance))
     closing = -float(approach @ away)
     apart = float((after - other_after) @ away)
-    return best, apart / max(closing, MIN_CLOSING_WORLD_PER_S)
+    return best, apart / max(closing, min_closing)

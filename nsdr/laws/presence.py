@@ -13,20 +13,20 @@ from nsdr.tracking.localization import outline
 from nsdr.tracking.tracker import detected_attributes
 from nsdr.tracking.visibility import in_image
 from nsdr.types import VideoProposals, VideoTracks
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, on_ground
-from nsdr.world.vocabulary import attributes_of, differing_words
+from nsdr.world.camera import on_ground
+from nsdr.world.vocabulary import differing_words
 
 SEEN_MARGIN_PX, COVERED_SHARE = 8.0, 0.3
-"""An object should be seen if its outline is at least this far inside the image (pixels) and nearer objects cover a smaller
-share of its box."""
+"""An object should be seen if its outline is at least this far inside the image (pixels of CLEVRER's) and nearer objects cover
+a smaller share of its box."""
 MAX_UNKNOWN_WORLD = 0.15
-"""Largest standard deviation of the position of an object that should be seen (world units)."""
+"""Largest standard deviation of the position of an object that should be seen (world units in CLEVRER)."""
 MISSED_NATS = 2.0
 """Evidence of each frame in which an object should be seen but is not, or has another color, material or shape (nats)."""
 SAME_PLACE_PX = 8.0
-"""A proposal this near to the last position of an object shows the same object (pixels)."""
+"""A proposal this near to the last position of an object shows the same object (pixels of CLEVRER's images)."""
 SAME_PLACE_WORLD = 0.3
-"""An object that appears this near to one that disappears takes its place (world units)."""
+"""An object that appears this near to one that disappears takes its place (world units in CLEVRER)."""
 
 
 def presence(motion: PiecewiseMotion, processed: NDArray[np.bool_]) -> list[Evidence]:
@@ -61,18 +61,18 @@ def _permanence(motion: PiecewiseMotion, processed: NDArray[np.bool_]) -> Iterat
 
 def _should_be_seen(motion: PiecewiseMotion, i: int, frame: int) -> bool:
     """Whether object i would be seen in a frame if its motion continued."""
-    states = motion.states
+    states, world, camera = motion.states, motion.states.world, motion.states.camera
     near = min(motion.stretches[i], key=lambda s: max(s.start - frame, frame - s.last))
     at = np.array([frame])
     place = near.position_at(at)[0]
-    if near.position_variance(at, motion.noise)[0] > MAX_UNKNOWN_WORLD**2:
+    if near.position_variance(at, motion.noise)[0] > (MAX_UNKNOWN_WORLD * world.scales.size) ** 2:
         return False
-    shape = states.objects[i].shape
-    if not in_image(shape, on_ground(place[None]), np.zeros(1), states.camera)[0]:
+    shape = world.vocabulary.shape(states.objects[i].shape)
+    if not in_image(shape, on_ground(place[None], shape.height_world), np.zeros(1), camera)[0]:
         return False
-    polygon = outline(shape, float(place[0]), float(place[1]), camera=states.camera)
-    low, high = polygon.min(0), polygon.max(0)
-    if (low < SEEN_MARGIN_PX).any() or (high > np.array([WIDTH_PX, HEIGHT_PX]) - SEEN_MARGIN_PX).any():
+    polygon = outline(shape, float(place[0]), float(place[1]), camera=camera)
+    low, high, margin = polygon.min(0), polygon.max(0), SEEN_MARGIN_PX * world.scales.px
+    if (low < margin).any() or (high > np.array([camera.width, camera.height]) - margin).any():
         return False
     covered = 0.0
     for j in range(len(motion.stretches)):
@@ -94,8 +94,8 @@ def _takes_place(motion: PiecewiseMotion, new: int, old: int) -> bool:
     shown = slice(first.start, first.start + SAME_FRAMES)
     if first.start == 0 or near is None or motion.states.detected[old, shown].any():
         return False
-    at = np.array([first.start])
-    return bool(np.hypot(*(near.position_at(at) - first.position_at(at))[0]) < SAME_PLACE_WORLD)
+    at, near_enough = np.array([first.start]), SAME_PLACE_WORLD * motion.states.world.scales.size
+    return bool(np.hypot(*(near.position_at(at) - first.position_at(at))[0]) < near_enough)
 
 
 def _replaced(motion: PiecewiseMotion, found: list[Evidence]) -> list[Evidence]:
@@ -140,9 +140,10 @@ def _renamed(e: Evidence, tracks: VideoTracks, proposals: VideoProposals, proces
         beside, k = int(np.flatnonzero(processed[: e.frame])[-1]), 0
     else:
         beside, k = e.frame, int(np.searchsorted(track.frame_index, e.frame)) - 1
-    near = np.linalg.norm(proposals.centroid_px - track.centroid_px[k], axis=1) < SAME_PLACE_PX
+    near = np.linalg.norm(proposals.centroid_px - track.centroid_px[k], axis=1) < SAME_PLACE_PX * tracks.world.scales.px
     own, attributes = track.object.name, proposals.attribute[near & (proposals.frame_index == beside)].tolist()
-    differing = [(differing_words(own.split(), attributes_of(a)), " ".join(attributes_of(a))) for a in attributes]
+    looks_like = [tracks.world.vocabulary.triple(a) for a in attributes]
+    differing = [(differing_words(own.split(), words), " ".join(words)) for words in looks_like]
     n, other = max(differing, default=(0, ""))
     looks = (other, own) if e.frame == e.end else (own, other)
     return e._replace(law="identity", amount=n, unit="words", looks=looks) if n else e
@@ -154,9 +155,10 @@ def other_words(motion: PiecewiseMotion, tracks: VideoTracks, proposals: VideoPr
     The object changes in the first of these frames. If it has had the other attributes from its first frame on, it changes
     after the last of them.
     """
+    triple = tracks.world.vocabulary.triple
     for t in tracks.tracks:
         own, found = t.object.name, detected_attributes(t, proposals)
-        differing = np.array([differing_words(own.split(), attributes_of(a)) if a >= 0 else 0 for a in found.tolist()])
+        differing = np.array([differing_words(own.split(), triple(a)) if a >= 0 else 0 for a in found.tolist()])
         reliable = motion.states.reliable[t.object.id, t.frame_index]
         best: list[int] = []
         seen_before = had_own = False
@@ -171,7 +173,7 @@ def other_words(motion: PiecewiseMotion, tracks: VideoTracks, proposals: VideoPr
         nats = len(best) * MISSED_NATS * motion.states.spacing_frames
         if nats > MIN_EVIDENCE:
             values, counts = np.unique(found[best], return_counts=True)
-            looks, last = (own, " ".join(attributes_of(int(values[counts.argmax()])))), int(t.frame_index[best[-1]]) + 1
+            looks, last = (own, " ".join(triple(int(values[counts.argmax()])))), int(t.frame_index[best[-1]]) + 1
             first, end = int(t.frame_index[best[0]]), last
             if not seen_before:
                 looks, first, end = looks[::-1], last, int(t.frame_index[-1]) + 1

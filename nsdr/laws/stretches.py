@@ -1,4 +1,4 @@
-"""Stretches of free sliding: positions of a track that one law of deceleration explains, on CLEVRER's ground or another ground.
+"""Stretches of free sliding: positions of a track that one law of deceleration explains, on the world's ground or another.
 
 Costs are negative log-likelihoods under Student's t distribution (nats), because a few positions are much worse than the
 others.
@@ -15,7 +15,8 @@ from nsdr.dynamics.numba_cache import cached_njit
 from nsdr.dynamics.sliding import Law
 from nsdr.dynamics.stretch import WORLDS_GROUND, Ground, Stretch, fit_stretch, sliding_positions
 from nsdr.validation import FloatArray
-from nsdr.world.physics_constants import FRAME_SECONDS
+from nsdr.world.vocabulary import CLEVRER, Shape
+from nsdr.world.world import CLEVRER_WORLD, Scales
 
 DEGREES_OF_FREEDOM = 4.0
 """Degrees of freedom of Student's t distribution of positions around a fit."""
@@ -24,17 +25,20 @@ CUT_GAIN = 20.0
 MIN_PART_POSITIONS = 4
 """Smallest number of positions on each side of a cut."""
 MIN_SPEED_WORLD_PER_S = 0.15
-"""A slower object gives no information about the ground (world units/s)."""
+"""A slower object gives no information about the ground (world units/s in CLEVRER)."""
 MAX_EXTRA, FIRST_SHARE = 2.4, 0.1
-"""Largest deceleration of another ground in addition to CLEVRER's (world units/s²), and the share of the largest from which
-fits start."""
+"""Largest deceleration of another ground in addition to the world's (world units/s² in CLEVRER), and the share of the largest
+from which fits start."""
 MIN_EXTRA = 0.08
-"""Smaller additional decelerations are errors of the fit where an object comes to rest (world units/s²)."""
-SPIN_RELIEF = {"cube": 0.2, "cylinder": 0.2, "sphere": MIN_EXTRA}
-"""By how much the deceleration of a spinning object may be smaller, as friction acts against both motions (world units/s²)."""
-MIN_OTHER_GROUND_SECONDS = 10 * FRAME_SECONDS
-"""Shortest duration of sliding on another ground (s). In less time its effect cannot be distinguished from a push. Chosen on
-the training suites of docs/judge.md."""
+"""Smaller additional decelerations are errors of the fit where an object comes to rest (world units/s² in CLEVRER)."""
+SPIN_RELIEF = 0.2
+"""By how much the deceleration of a spinning object may be smaller, as friction acts against both motions (world units/s² for
+CLEVRER's friction). It is `MIN_EXTRA` at least."""
+CLEVRERS_FRICTION = CLEVRER.shape("cube").friction * CLEVRER_WORLD.physics.gravity
+"""Deceleration of CLEVRER's cubes and cylinders by friction (world units/s²)."""
+MIN_OTHER_GROUND_FRAMES = 10
+"""Shortest duration of sliding on another ground (frames). In less time its effect cannot be distinguished from a push. Chosen
+on the training suites of docs/judge.md."""
 LEAST_SQUARES: Any = {"x_scale": (0.01, 0.01, 0.05, 0.05, 0.2, 0.1, 0.1), "max_nfev": 100}
 """Options of the fit of another ground: scales of position, velocity, deceleration, its start and its duration; largest number
 of evaluations."""
@@ -46,19 +50,21 @@ class TrackPositions:
 
     Attributes:
         i: id of the object.
-        shape: "cube", "sphere" or "cylinder".
+        shape: the object's shape.
         law: how it slides.
+        scales: of its world.
         frames: (N,) int, frames in which the object was detected.
         location: (N, 2) detected positions (world units).
         weight: (N,) weights of the positions in fits; 1 for reliable ones.
         noise: standard deviation of each coordinate of reliable positions (world units).
-        known_ground: whether the ground is known to be CLEVRER's.
+        known_ground: whether the ground is known to be the world's.
         best_stretches: results of `best_stretch`, which are computed once.
     """
 
     i: int
-    shape: str
+    shape: Shape
     law: Law
+    scales: Scales
     frames: NDArray[np.int64]
     location: FloatArray
     weight: FloatArray
@@ -67,13 +73,13 @@ class TrackPositions:
     best_stretches: "dict[tuple[int, int], TrackStretch]" = field(default_factory=dict, init=False, repr=False)
 
     def stretch(self, a: int, b: int) -> "TrackStretch":
-        """Fit one stretch on CLEVRER's ground to the positions a to b - 1."""
+        """Fit one stretch on the world's ground to the positions a to b - 1."""
         fit = fit_stretch(self.law, self.frames[a:b], self.location[a:b], self.weight[a:b])
         cost = float(costs(fit.residual**2, fit.weight, self.noise).sum())
         return self._stretch(a, b, fit.motion, fit.residual, cost, WORLDS_GROUND)
 
     def best_stretch(self, a: int, b: int) -> "TrackStretch":
-        """Fit one stretch to the positions a to b - 1, on CLEVRER's ground or on the other ground that explains them best."""
+        """Fit one stretch to the positions a to b - 1, on the world's ground or on the other ground that explains them best."""
         if (a, b) not in self.best_stretches:
             self.best_stretches[a, b] = self._best_stretch(a, b)
         return self.best_stretches[a, b]
@@ -81,20 +87,23 @@ class TrackPositions:
     def _best_stretch(self, a: int, b: int) -> "TrackStretch":
         """Compute `best_stretch`."""
         lawful = self.stretch(a, b)
-        tells = self._seconds(a, b)[-1] > MIN_OTHER_GROUND_SECONDS and lawful.speed > MIN_SPEED_WORLD_PER_S
+        is_fast = lawful.speed > MIN_SPEED_WORLD_PER_S * self.scales.speed
+        tells = self._seconds(a, b)[-1] > self._shortest and is_fast
         if self.known_ground or not tells or lawful.cost < CUT_GAIN:
             return lawful
-        lawful = self._on_other_ground(lawful, -SPIN_RELIEF[lawful.shape], MIN_EXTRA)
-        rough = self._on_other_ground(lawful, -MAX_EXTRA, MAX_EXTRA)
+        least, most = MIN_EXTRA * self.scales.gravity, MAX_EXTRA * self.scales.gravity
+        relief = max(SPIN_RELIEF * float(self.law["deceleration"]) / CLEVRERS_FRICTION, least)
+        lawful = self._on_other_ground(lawful, -relief, least)
+        rough = self._on_other_ground(lawful, -most, most)
         gain = lawful.reliable_cost - rough.reliable_cost
-        is_lawful = -SPIN_RELIEF[lawful.shape] <= rough.ground.extra <= MIN_EXTRA
+        is_lawful = -relief <= rough.ground.extra <= least
         return lawful if is_lawful or gain < CUT_GAIN else replace(rough, gain=gain)
 
     def _on_other_ground(self, lawful: "TrackStretch", low: float, high: float) -> "TrackStretch":
         """Fit a stretch whose ground has an additional deceleration from `low` to `high` for a while.
 
         Args:
-            lawful: the stretch on CLEVRER's ground, from which the fit starts.
+            lawful: the stretch on the world's ground, from which the fit starts.
             low: smallest additional deceleration (world units/s²).
             high: largest additional deceleration (world units/s²).
         """
@@ -114,7 +123,7 @@ class TrackPositions:
             share = np.sqrt(2 * costs(squares, weight, self.noise) / np.maximum(squares, 1e-24))
             return np.asarray((off * share[:, None]).ravel())
 
-        shortest = MIN_OTHER_GROUND_SECONDS
+        shortest = self._shortest
         bounds = [-np.inf] * 4 + [low, 0.0, shortest], [np.inf] * 4 + [high, total - shortest, total]
         # If the object comes to rest, its last positions give no information about the ground, so two onsets are tried.
         onsets = 0.0, (total - shortest) / 2
@@ -134,7 +143,17 @@ class TrackPositions:
 
     def _seconds(self, a: int, b: int) -> FloatArray:
         """(N,) times of the positions a to b - 1 after the first of them (s)."""
-        return np.asarray((self.frames[a:b] - self.frames[a]) * FRAME_SECONDS)
+        return np.asarray((self.frames[a:b] - self.frames[a]) * self.frame_seconds)
+
+    @property
+    def frame_seconds(self) -> float:
+        """Time between two frames (s)."""
+        return float(self.law["frame_seconds"])
+
+    @property
+    def _shortest(self) -> float:
+        """Shortest duration of sliding on another ground (s)."""
+        return MIN_OTHER_GROUND_FRAMES * self.frame_seconds
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,7 +165,7 @@ class TrackStretch(Stretch):
         a, b: the stretch was fitted to the positions a to b - 1 of the track.
         cost: cost of the fit (nats).
         gain: by how much the cost of the reliable positions is lower than on a lawful ground (nats); 0 if the ground is lawful.
-            A lawful ground is CLEVRER's, which may slow down a spinning object less.
+            A lawful ground is the world's, which may slow down a spinning object less.
     """
 
     track: TrackPositions
@@ -156,14 +175,14 @@ class TrackStretch(Stretch):
     gain: float = 0.0
 
     @property
-    def shape(self) -> str:
-        """The word of the object's shape."""
+    def shape(self) -> Shape:
+        """The object's shape."""
         return self.track.shape
 
     @property
     def other_ground_frames(self) -> tuple[int, int]:
         """The first frame on the other ground, and the frame after the last."""
-        first, last = (self.start + round(s / FRAME_SECONDS) for s in self.ground[1:])
+        first, last = (self.start + round(s / self.track.frame_seconds) for s in self.ground[1:])
         return first, min(last, self.last) + 1
 
     @property

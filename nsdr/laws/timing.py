@@ -17,16 +17,15 @@ from nsdr.laws.stretches import costs
 from nsdr.tracking.times import first_of, on_time
 from nsdr.types import VideoProposals, VideoTracks
 from nsdr.validation import FloatArray, IntArray
-from nsdr.world.physics_constants import FPS
 
 STEP_NOISE_WORLD, STEP_NOISE_SHARE = 0.0045, 0.035
-"""Standard deviation of each coordinate of a step from one frame to the next: a constant (world units) plus a share of the
-step. Measured on 22 scenes of `train` against the mean velocity of the 6 frames on either side: 0.0046 at 0.015 world units per
-frame, 0.0053 at 0.03, 0.007 at 0.08."""
+"""Standard deviation of each coordinate of a step from one frame to the next: a constant (world units in CLEVRER) plus a share
+of the step. Measured on 22 scenes of `train` against the mean velocity of the 6 frames on either side: 0.0046 at 0.015 world
+units per frame, 0.0053 at 0.03, 0.007 at 0.08."""
 VELOCITY_FRAMES = 6
 """Number of frames on each side of a step from which velocities are computed."""
-RATES = (24.0, 24000 / 1001, 30000 / 1001, 30.0, 50.0, 60.0, 20.0, 15.0, 12.5, 12.0, 10.0, 25 / 3, 8.0)
-"""Possible frame rates of an intermediate copy (frames per second)."""
+RATES = (24.0, 24000 / 1001, 30000 / 1001, 30.0, 50.0, 60.0, 20.0, 15.0, 12.5, 12.0, 10.0, 25 / 3, 8.0, 25.0)
+"""Possible frame rates of an intermediate copy, but for that of the world's videos (frames per second)."""
 PHASES, FINE_PHASES = (tuple((np.arange(n) + 0.5) / n) for n in (25, 100))
 """Possible times of the first frame of a copy within a frame of its original (frames): for copies of copies, and for direct
 copies."""
@@ -54,7 +53,7 @@ ROUNDING, TINY = 1e-6, 1e-12
 class Timing:
     """The times at which the P processed frames of a video were taken.
 
-    A slot is a frame of a video at 25 frames per second.
+    A slot is a frame of a video at the rate of the world's videos, in CLEVRER 25 frames per second.
 
     Attributes:
         n_frames: number of frames of the video.
@@ -131,13 +130,15 @@ def timing_of(tracks: VideoTracks, processed: IntArray, late: FloatArray) -> Tim
     Args:
         tracks: tracks of the video.
         processed: (P,) int, frames that were processed.
-        late: (F,) delay of each frame, by the frame rate of the video, relative to a video at 25 frames per second (frames).
+        late: (F,) delay of each frame, by the frame rate of the video, relative to a video of the world (frames).
     """
     said, slot = processed + late[processed], processed
     pattern: IntArray | None = None
     stills: list[Evidence] = []
     states = states_from_tracks(tracks)
-    steps = _Steps(np.where(states.reliable[..., None], states.location_world, np.nan)[:, processed])
+    world = tracks.world
+    reliable = np.where(states.reliable[..., None], states.location_world, np.nan)[:, processed]
+    steps = _Steps(reliable, world.timeline.fps, STEP_NOISE_WORLD * world.scales.size)
     every, order = tuple(range(len(tracks.tracks))), np.arange(len(processed))
     for _ in range(MAX_STANDSTILLS):
         pattern = steps.pattern(said)
@@ -154,17 +155,18 @@ def timing_of(tracks: VideoTracks, processed: IntArray, late: FloatArray) -> Tim
     if pattern is None:
         return Timing(tracks.n_frames, processed, slot, said - slot, tuple(stills))
     again = int((np.diff(pattern) == 0).sum()) if not stills else 0
-    notes = copy_notes(int(pattern[-1]) + 1, len(np.unique(pattern)), again)
+    notes = copy_notes(int(pattern[-1]) + 1, len(np.unique(pattern)), again, world.timeline.fps)
     return Timing(tracks.n_frames, processed, pattern, np.zeros(len(pattern)), tuple(stills), notes)
 
 
-def copy_notes(taken: int, shown: int, again: int) -> tuple[str, ...]:
+def copy_notes(taken: int, shown: int, again: int, fps: int) -> tuple[str, ...]:
     """Notes on a copy at another frame rate.
 
     Args:
         taken: number of frames of the original.
         shown: number of them that the copy shows.
         again: number of frames that the copy repeats.
+        fps: frame rate of the original.
     """
     parts = []
     if shown < taken:
@@ -172,7 +174,7 @@ def copy_notes(taken: int, shown: int, again: int) -> tuple[str, ...]:
     if again:
         parts.append(f"{again} are shown again")
     how = f" ({', '.join(parts)})" if parts else ""
-    return (f"copied from {FPS} frames a second to another rate{how}; each frame is judged at its own time",)
+    return (f"copied from {fps} frames a second to another rate{how}; each frame is judged at its own time",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,9 +183,13 @@ class _Steps:
 
     Attributes:
         location: (n, P, 2) reliable positions (world units); NaN for all others.
+        fps: frame rate of the world's videos.
+        noise: standard deviation of each coordinate of a short step (world units).
     """
 
     location: FloatArray
+    fps: int
+    noise: float
 
     def pattern(self, said: FloatArray) -> IntArray | None:
         """Find the frames of the original that the processed frames show, if the video is a copy at another rate.
@@ -194,13 +200,13 @@ class _Steps:
         Returns:
             (P,) int, frames of the original, counted from the first one; None if the video is not such a copy.
         """
-        slots, more_nats = _patterns((said - said[0]).tobytes())
+        slots, more_nats = _patterns((said - said[0]).tobytes(), self.fps)
         step, (before, after) = np.diff(self.location, axis=1), self._velocities(said)
         before, after = before[:, :-1], after[:, 1:]
 
         def cost(frames: Any) -> FloatArray:
             """Evidence (P - 1,) against steps over a number of frames."""
-            return _off_nats(step, frames * before, frames * after)
+            return _off_nats(step, frames * before, frames * after, self.noise)
 
         by_frames = np.stack([cost(frames) for frames in range(np.diff(slots, axis=1).max() + 1)], 1)
         nats = by_frames[np.arange(step.shape[1]), np.diff(slots, axis=1)].sum(1) + more_nats
@@ -222,7 +228,7 @@ class _Steps:
         for a in range(1, len(taken) - 1):
             moves = np.asarray(np.isfinite(before[:, a]).all(axis=1))
             since, moved = taken - taken[a], self.location - self.location[:, a : a + 1]
-            stays = np.cumsum(_nats(moved[:, a:], STEP_NOISE_WORLD))
+            stays = np.cumsum(_nats(moved[:, a:], self.noise))
             ends = np.flatnonzero(since >= MIN_STILL_FRAMES - ROUNDING)
             ends = ends[stays[ends - a] < MOVED_NATS]
             if not moves.any() or not len(ends):
@@ -230,7 +236,8 @@ class _Steps:
             # An object whose velocity afterwards is not known may have come to rest.
             known = moves[:, None, None] & np.isfinite(after[:, ends])
             low = np.where(known, since[ends, None] * before[:, a : a + 1], np.nan)
-            gains = _off_nats(moved[:, ends], low, since[ends, None] * after[:, ends]) - stays[ends - a]
+            high = since[ends, None] * after[:, ends]
+            gains = _off_nats(moved[:, ends], low, high, self.noise) - stays[ends - a]
             scores = np.where(gains > MIN_STILL_NATS, gains + SAME_NATS * (ends - a), 0.0)
             k = int(scores.argmax())
             if scores[k] > most:
@@ -250,18 +257,17 @@ class _Steps:
         return before, after
 
 
-def _off_nats(moved: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+def _off_nats(moved: FloatArray, low: FloatArray, high: FloatArray, noise: float) -> FloatArray:
     """Evidence (K,) against displacements (n, K, 2) (nats).
 
-    The expected displacement is any on the line from `low` to `high` (n, K, 2). One or both of these may be NaN.
+    The expected displacement is any on the line from `low` to `high` (n, K, 2). One or both of these may be NaN. `noise` is the
+    standard deviation of each coordinate of a short step (world units).
     """
     low, high = np.where(np.isnan(low), high, low), np.where(np.isnan(high), low, high)
     along = high - low
     share = ((moved - low) * along).sum(-1) / np.maximum((along**2).sum(-1), TINY)
     off = moved - low - np.clip(share, 0, 1)[..., None] * along
-    return _nats(
-        off, STEP_NOISE_WORLD + STEP_NOISE_SHARE * np.maximum(*(np.linalg.norm(v, axis=-1) for v in (low, high)))
-    )
+    return _nats(off, noise + STEP_NOISE_SHARE * np.maximum(*(np.linalg.norm(v, axis=-1) for v in (low, high))))
 
 
 def _nats(off: FloatArray, noise: FloatArray | float) -> FloatArray:
@@ -270,18 +276,20 @@ def _nats(off: FloatArray, noise: FloatArray | float) -> FloatArray:
 
 
 @lru_cache(maxsize=8)
-def _patterns(said: bytes) -> tuple[IntArray, FloatArray]:
+def _patterns(said: bytes, fps: int) -> tuple[IntArray, FloatArray]:
     """Frames (C, P) of the original that C possible copies at other rates show, and the penalty (C,) of each (nats).
 
     Args:
         said: (P,) times of the frames of the copy (frames), as the bytes of 64-bit floats.
+        fps: frame rate of the original.
     """
     taken = np.frombuffer(said)
     found: dict[bytes, float] = {}
     for phase in FINE_PHASES:
         found.setdefault(_counted(taken + phase), 0.0)
-    for rate, first, second in product(RATES, PHASES, PHASES):
-        found.setdefault(_counted(np.floor(taken * rate / FPS + first) * FPS / rate + second), CHAIN_NATS)
+    rates = [rate for rate in RATES if rate != fps]
+    for rate, first, second in product(rates, PHASES, PHASES):
+        found.setdefault(_counted(np.floor(taken * rate / fps + first) * fps / rate + second), CHAIN_NATS)
     return np.stack([np.frombuffer(slots, np.int64) for slots in found]), np.array(list(found.values()))
 
 

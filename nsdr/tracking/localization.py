@@ -16,9 +16,8 @@ from nsdr.tracking.visibility import cut_sides
 from nsdr.types import VideoTracks
 from nsdr.validation import FloatArray
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
-from nsdr.world.shapes import surface_points
-from nsdr.world.vocabulary import SHAPES
+from nsdr.world.shapes import shape_of, surface_points
+from nsdr.world.vocabulary import SHAPES, Shape
 
 GRID_COLUMNS, GRID_ROWS = 15, 12
 """Number of columns and rows of the grid of object centres that the offsets are fitted on."""
@@ -47,9 +46,9 @@ MAX_RATIO = 1.08
 prints the typical ones and the largest deviation: below 1.05 in 288 training videos."""
 
 
-def outline(shape: str, x: float, y: float, yaw: float = 0.0, camera: Camera = CLEVRER_CAMERA) -> FloatArray:
+def outline(shape: Shape | str, x: float, y: float, yaw: float = 0.0, camera: Camera = CLEVRER_CAMERA) -> FloatArray:
     """Outline of an object at (x, y) on the ground as a convex polygon (N, 2) in pixels."""
-    points = surface_points(shape, yaw) + np.array([x, y, OBJECT_RADIUS_WORLD])
+    points = surface_points(shape, yaw) + np.array([x, y, shape_of(shape).height_world])
     return cv2.convexHull(camera.pixels(points).astype(np.float32))[:, 0].astype(float)
 
 

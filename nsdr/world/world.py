@@ -27,6 +27,7 @@ class Scales(NamedTuple):
         step: distance at the fastest start in a step of the simulation.
         frame: distance at the fastest start from one frame to the next.
         px: width of images.
+        gravity: its acceleration.
     """
 
     size: float
@@ -34,6 +35,7 @@ class Scales(NamedTuple):
     step: float
     frame: float
     px: float
+    gravity: float
 
 
 @dataclass(frozen=True)
@@ -112,10 +114,11 @@ def _differing(name: str, mine: Any, others: Any) -> list[str]:
 
 
 def _measures(world: World) -> tuple[float, ...]:
-    """What the fields of `Scales` compare (world units, world units/s, pixels)."""
+    """What the fields of `Scales` compare (world units, world units/s, pixels, world units/s²)."""
     width = min(width for shape in world.vocabulary.shapes for width in shape.size_world[:2])
     physics, fastest = world.physics, world.physics.start_speed_world_per_s[1]
-    return width, fastest, fastest * physics.step_seconds, fastest * physics.frame_seconds, world.camera.width
+    step, frame = fastest * physics.step_seconds, fastest * physics.frame_seconds
+    return width, fastest, step, frame, world.camera.width, physics.gravity
 
 
 CLEVRER_WORLD = World()
