@@ -22,7 +22,6 @@ from nsdr.tracking.tracker import track
 from nsdr.types import Answer, Judgement, Scene, Simulation, VideoTracks
 from nsdr.types.interventions import Intervention
 from nsdr.visualize.html_parts import jpeg
-from nsdr.world.physics_constants import FPS
 
 KEPT_CLIPS = 64
 """Clips that are kept: those that were looked at or asked about last."""
@@ -149,14 +148,14 @@ class Clips:
         return VideoError(f"{path}: lasts {seconds:.0f} s; {most}")
 
     def _perceived(self, key: str, path: Path, seconds: float, progress: Progress) -> Clip:
-        jpegs: list[bytes] = []
+        fps, jpegs = self.pipeline.world.timeline.fps, list[bytes]()
         notes: list[str] = []
 
         def frames() -> Iterator[NDArray[np.uint8]]:
             for index, frame in enumerate(self.pipeline.frames(path, note=notes.append)):
-                if index > 1 + self.max_seconds * FPS:
-                    raise self._too_long(path, index / FPS)  # the file's header says less
-                progress(min(index / max(seconds * FPS, 1), 1.0), f"finding objects: frame {index}")
+                if index > 1 + self.max_seconds * fps:
+                    raise self._too_long(path, index / fps)  # the file's header says less
+                progress(min(index / max(seconds * fps, 1), 1.0), f"finding objects: frame {index}")
                 jpegs.append(jpeg(frame))
                 yield frame
 

@@ -7,7 +7,6 @@ from itertools import combinations, product
 from nsdr.errors import DataError
 from nsdr.types import Add, Event, Freeze, Move, Remove, Scene, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention
-from nsdr.world.vocabulary import ATTRIBUTES
 from nsdr.world.world import CLEVRER_WORLD
 
 QUESTIONS = 3
@@ -144,7 +143,7 @@ def changed_objects(kind: str, scene: Scene) -> list[str]:
     names = [o.name for o in scene.objects]
     if not CHANGES[kind].adds:
         return names
-    return [name for name in map(" ".join, product(*ATTRIBUTES.values())) if name not in names]
+    return [name for name in map(" ".join, product(*scene.world.vocabulary.words.values())) if name not in names]
 
 
 def intervention(kind: str | None, name: str | None, numbers: Sequence[float]) -> Intervention:

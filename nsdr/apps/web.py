@@ -359,7 +359,7 @@ class _Page:
         def drawing(done: int, total: int) -> None:
             progress(done / total, desc=f"drawing frame {done}")
 
-        write_comparison(video, list(clip.frames()), simulation, True, drawing, clip.perception.camera)
+        write_comparison(video, list(clip.frames()), simulation, True, drawing)
         yield {self.compared: str(video)}
 
     def _new_file(self) -> Path:

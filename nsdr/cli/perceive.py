@@ -174,7 +174,7 @@ def _write_picture(path: str, image: str, frames: Any, p: Any, answers: list[Any
     elif image == "strobe":
         write_image(path, stroboscopic_image(frames, p.proposals, p.tracks))
     else:
-        write_file(path, figure_png(plan_figure(p.explanation.prediction, removed, p.camera)))
+        write_file(path, figure_png(plan_figure(p.explanation.prediction, removed)))
 
 
 FUNCTIONS = {

@@ -97,7 +97,7 @@ def simulate(options: Any) -> int:
 
         frames = list(frames_of(pipeline, options.video))
         for path in videos:
-            write_comparison(path, frames, simulation, camera=pipeline.world.camera)
+            write_comparison(path, frames, simulation)
     for path in () if options.json else options.output:
         print(path)
     return 0

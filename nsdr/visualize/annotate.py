@@ -15,8 +15,7 @@ from nsdr.io.files import write_file
 from nsdr.io.video import write_video
 from nsdr.tracking.tracker import rows_of
 from nsdr.types import Event, Scene, VideoProposals, VideoTracks
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.vocabulary import COLORS_RGB, attributes_of
+from nsdr.world.vocabulary import Color as ObjectColor
 
 IMAGE_SUFFIXES = (".png", ".jpg")
 """Endings of image files."""
@@ -56,24 +55,25 @@ def annotated_image(
     """One frame with masks, object names and ids, and the trails and collisions up to that frame.
 
     Args:
-        frame: (320, 480, 3) uint8 RGB.
+        frame: (height, width, 3) uint8 RGB.
         frame_index: the frame's index in the video.
         proposals: masks whose outlines are drawn; None draws no outlines.
         tracks: objects whose names and trails are drawn.
         scene: source of the collisions.
 
     Returns:
-        (640, 960, 3) uint8 RGB.
+        uint8 RGB of twice the height and width.
     """
-    image = cv2.resize(frame, (WIDTH_PX * SCALE, HEIGHT_PX * SCALE), interpolation=cv2.INTER_CUBIC)
+    words, (height, width) = tracks.world.vocabulary, frame.shape[:2]
+    image = cv2.resize(frame, (width * SCALE, height * SCALE), interpolation=cv2.INTER_CUBIC)
     if proposals is not None and proposals.masks is not None:
         for row in np.flatnonzero(proposals.frame_index == frame_index):
-            color = _annotation_color(attributes_of(int(proposals.attribute[row]))[0])
+            color = _annotation_color(words.color(words.triple(int(proposals.attribute[row]))[0]))
             _draw_outline(image, proposals.masks[row], color)
     for t in tracks.tracks:
         until_now = t.frame_index <= frame_index
         if until_now.any():
-            _draw_trail(image, t.centroid_px[until_now], _annotation_color(t.object.color))
+            _draw_trail(image, t.centroid_px[until_now], _annotation_color(words.color(t.object.color)))
     occupied: list[Box] = []
     # Nearer objects, which are lower in the image, are labelled first and so keep the position above their box.
     for t in sorted(tracks.tracks, key=lambda t: -int(t.box_xyxy_px[-1, 1])):
@@ -82,11 +82,11 @@ def annotated_image(
             x0, y0 = (t.box_xyxy_px[now[0], :2] * SCALE).tolist()
             text = f"{t.object.id} {t.object.name}"
             position = _free_position(image, text, (x0, y0 - 6), occupied)
-            _draw_text(image, text, position, _annotation_color(t.object.color))
+            _draw_text(image, text, position, _annotation_color(words.color(t.object.color)))
     for number, event in enumerate((e for e in scene.events if e.kind == "collision"), 1):
         if event.frame <= frame_index:
             _draw_collision(image, event, tracks, number, occupied)
-    _draw_text(image, f"frame {frame_index}", (8, HEIGHT_PX * SCALE - 10), WHITE)
+    _draw_text(image, f"frame {frame_index}", (8, height * SCALE - 10), WHITE)
     return image  # type: ignore[return-value]
 
 
@@ -102,7 +102,7 @@ def write_annotated_video(
 
     Args:
         path: file to write.
-        frames: (T, 320, 480, 3) uint8 RGB.
+        frames: (T, height, width, 3) uint8 RGB.
         proposals, tracks, scene: see `annotated_image`.
         preset: see `nsdr.io.video.write_video`.
 
@@ -136,9 +136,9 @@ def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     write_file(path, encoded.tobytes())
 
 
-def _annotation_color(color: str) -> Color:
+def _annotation_color(color: ObjectColor) -> Color:
     """A light version of an object's colour, readable on the gray ground."""
-    hue, _, saturation = colorsys.rgb_to_hls(*(c / 255 for c in COLORS_RGB[color]))
+    hue, _, saturation = colorsys.rgb_to_hls(*(c / 255 for c in color.srgb))
     red, green, blue = colorsys.hls_to_rgb(hue, LIGHTNESS, saturation)
     return round(red * 255), round(green * 255), round(blue * 255)
 
@@ -149,8 +149,9 @@ def _scaled(points_px: Any) -> NDArray[np.int32]:
 
 
 def _draw_outline(image: NDArray[Any], counts: str, color: Color) -> None:
-    mask = rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": counts.encode()})
-    large = cv2.resize(mask, (WIDTH_PX * SCALE, HEIGHT_PX * SCALE), interpolation=cv2.INTER_LINEAR)
+    height, width = image.shape[0] // SCALE, image.shape[1] // SCALE
+    mask = rle.decode({"size": [height, width], "counts": counts.encode()})
+    large = cv2.resize(mask, (width * SCALE, height * SCALE), interpolation=cv2.INTER_LINEAR)
     contours, _ = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(image, contours, -1, color, LINE_WIDTH_PX, cv2.LINE_AA)
 
@@ -197,12 +198,12 @@ def stroboscopic_image(frames: NDArray[np.uint8], proposals: VideoProposals, tra
     """The last frame with earlier copies of all moving objects; older copies are fainter.
 
     Args:
-        frames: (T, 320, 480, 3) uint8 RGB.
+        frames: (T, height, width, 3) uint8 RGB.
         proposals: masks of the objects; without masks no copies are drawn.
         tracks: of the same video.
 
     Returns:
-        (640, 960, 3) uint8 RGB.
+        uint8 RGB of twice the height and width.
     """
     image: NDArray[Any] = frames[-1].astype(float)
     masks = _masks_by_frame(proposals, tracks)
@@ -218,7 +219,7 @@ def stroboscopic_image(frames: NDArray[np.uint8], proposals: VideoProposals, tra
     for track, counts in zip(tracks.tracks, masks, strict=True):  # the last frame's objects are on top
         if last in counts and track.frame_index[-1] == last:
             image = _blended(image, frames[last], counts[last], 1.0)
-    size = (WIDTH_PX * SCALE, HEIGHT_PX * SCALE)
+    size = (image.shape[1] * SCALE, image.shape[0] * SCALE)
     return np.asarray(cv2.resize(image.round().astype(np.uint8), size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
@@ -239,6 +240,6 @@ def _masks_by_frame(proposals: VideoProposals, tracks: VideoTracks) -> list[dict
 
 def _blended(image: NDArray[Any], frame: NDArray[Any], counts: str, opacity: float) -> NDArray[Any]:
     """The image with the masked part of a frame laid over it."""
-    mask = np.asarray(rle.decode({"size": [HEIGHT_PX, WIDTH_PX], "counts": counts.encode()}), np.float32)
+    mask = np.asarray(rle.decode({"size": list(frame.shape[:2]), "counts": counts.encode()}), np.float32)
     alpha = cv2.GaussianBlur(mask, (SOFT_EDGE_PX, SOFT_EDGE_PX), 0)[..., None] * opacity
     return np.asarray(image * (1 - alpha) + frame * alpha)

@@ -8,23 +8,22 @@ from numpy.typing import NDArray
 
 from nsdr.io.files import check_installed
 from nsdr.types import DynamicsPrediction, Rollout
-from nsdr.visualize.plan_frames import FAR_EDGE_PX
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
-from nsdr.world.vocabulary import COLORS_RGB
+from nsdr.visualize.plan_frames import reach, seen_ground
 
 DPI = 150
 """Resolution of PNG files (dots per inch)."""
-MARKERS = {"cube": "s", "sphere": "o", "cylinder": "h"}
-"""Matplotlib marker of each shape."""
+MARKERS = {"box": "s", "sphere": "o", "cylinder": "h"}
+"""Matplotlib marker of each solid."""
 OBJECT_SIZE_PT = 15
 """Size of an object's marker (points)."""
 STAR_SIZE_PT = 13
 """Size of a collision's star (points)."""
 PLAN_CORNERS_WORLD = ((-3.6, -2.4), (3.6, 2.6))
 """Smallest extent of the plan, lower left and upper right: world y, to the right in the image, and minus world x, away from
-the camera (world units). It grows until all objects are in it."""
+the camera (world units in CLEVRER). It grows until all objects are in it."""
 PLAN_LARGEST_WORLD = 9.0
-"""The plan never shows positions with a larger coordinate: they are errors of the prediction (world units)."""
+"""The plan never shows positions with a larger coordinate: they are errors of the prediction (world units in
+CLEVRER)."""
 PLAN_MARGIN_WORLD = 0.5
 """Space around the outermost position (world units)."""
 PLAN_WIDTH_IN, LEGEND_WIDTH_IN = 7.5, 1.9
@@ -33,17 +32,16 @@ NUMBER_OFFSET_PT = (6, 4)
 """From a collision to its number (points)."""
 
 
-def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, camera: Camera = CLEVRER_CAMERA) -> Any:
+def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> Any:
     """The ground from above with trajectories, and collisions as numbered stars.
 
     A trajectory is solid while its object is in the image, and dashed before it enters, after it leaves and after the video.
     Stars of observed collisions are filled. The legend has the names of the objects and the frames of the collisions. With an
-    object removed, grey lines are the trajectories with it.
+    object removed, grey lines are the trajectories with it. The shaded part of the ground is what the camera sees.
 
     Args:
         prediction: from a dynamics backend.
         removed: id of the object whose removal is drawn; None draws the observed rollout.
-        camera: the camera that sees the shaded part of the ground.
 
     Returns:
         A matplotlib figure.
@@ -56,12 +54,10 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, came
     height_in = PLAN_WIDTH_IN * float((high[1] - low[1]) / (high[0] - low[0]))
     figure = new_figure(PLAN_WIDTH_IN + LEGEND_WIDTH_IN, height_in)
     axes = figure.subplots()
-    far = max(FAR_EDGE_PX, camera.far_row_px)
-    corners_px = [(0, far), (0, HEIGHT_PX), (WIDTH_PX, HEIGHT_PX), (WIDTH_PX, far)]
-    axes.fill(*_on_plan(camera.ground(np.array(corners_px), 0.0)).T, color="0.96", zorder=0)
-    last = prediction.n_frames - 1
+    axes.fill(*_on_plan(seen_ground(prediction.world.camera)).T, color="0.96", zorder=0)
+    words, last = prediction.world.vocabulary, prediction.n_frames - 1
     for o in prediction.objects:
-        color = np.array(COLORS_RGB[o.color]) / 255
+        color = np.array(words.color(o.color).srgb) / 255
         drawn = prediction.observed if o.id == removed else rollout
         path, seen = _on_plan(drawn.location_world[o.id]), drawn.visible[o.id].copy()
         seen[last + 1 :] = False
@@ -76,10 +72,11 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None, came
             axes.plot(*_where(beside, path).T, color=color, lw=2, ls=(0, (3, 2)))
         known = path[seen & np.isfinite(path[:, 0])]
         if len(known):
-            edge = {"mew": 2.0, "mec": "0.85"} if o.material == "metal" else {"mew": 0.8, "mec": "black"}
+            metallic = words.material(o.material).metallic
+            edge = {"mew": 2.0, "mec": "0.85"} if metallic else {"mew": 0.8, "mec": "black"}
             opacity = 0.3 if o.id == removed else 1.0
             style = {"ls": "", "ms": OBJECT_SIZE_PT, "mfc": color, "alpha": opacity, "zorder": 4, **edge}
-            axes.plot(*known[-1], marker=MARKERS[o.shape], label=f"{o.id} {o.name}", **style)
+            axes.plot(*known[-1], marker=MARKERS[words.shape(o.shape).solid], label=f"{o.id} {o.name}", **style)
     for number, event in enumerate(rollout.collisions, 1):
         at = np.nanmean(_on_plan(rollout.location_world[list(event.objects), event.frame]), 0)
         observed = event.frame <= last and (removed is None or event in prediction.observed.collisions)
@@ -110,8 +107,9 @@ def _extent(prediction: DynamicsPrediction, rollout: Rollout) -> tuple[NDArray[A
     paths = [r.location_world[:, : prediction.n_frames] for r in (prediction.observed, rollout)]
     met = [rollout.location_world[list(e.objects), e.frame] for e in rollout.collisions]
     points = _on_plan(np.concatenate([p.reshape(-1, 2) for p in (*paths, *met)]))
-    points = points[(np.abs(points) <= PLAN_LARGEST_WORLD).all(1)]
-    smallest = np.array(PLAN_CORNERS_WORLD, float)
+    scale = reach(prediction.world)
+    points = points[(np.abs(points) <= PLAN_LARGEST_WORLD * scale).all(1)]
+    smallest = np.array(PLAN_CORNERS_WORLD, float) * scale
     low = np.vstack([points - PLAN_MARGIN_WORLD, smallest[:1]]).min(0)
     return low, np.vstack([points + PLAN_MARGIN_WORLD, smallest[1:]]).max(0)
 

@@ -58,7 +58,7 @@ def write_report(
         body.append(figure_html(jpeg(strobe), caption))
     if explanation is not None:
         caption = "From above: trajectories in the video solid, predicted ones dashed."
-        body.append(figure_html(figure_png(plan_figure(explanation.prediction, camera=perception.camera)), caption))
+        body.append(figure_html(figure_png(plan_figure(explanation.prediction)), caption))
     body.append(_removals(perception, answers))
     body += [answer_html(answer, perception, frames) for answer in answers]
     write_page(path, title, "".join(body), TIMELINE_STYLE)
@@ -88,7 +88,7 @@ def _removals(perception: Perception, answers: Sequence[Answer]) -> str:
     for i in sorted((_removed_objects(answers) or known) & known):
         simulation = simulate(explanation, [Remove(i)])
         last = simulation.changed.visible.shape[1] - 1
-        plan = draw_plan(simulation.objects, simulation.changed, last, simulation.original, perception.camera)
+        plan = draw_plan(simulation.objects, simulation.changed, last, simulation.original, explanation.world)
         lines = [f"<li>{html.escape(simulation.describe(change))}" for change in simulation.differences()]
         cells.append(
             f"<div><h3>Without the {explanation.objects[i].name}</h3><img alt='from above' src='{data_uri(jpeg(plan))}'>"

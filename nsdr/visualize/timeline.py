@@ -13,15 +13,13 @@ from nsdr.types.answers import percent
 from nsdr.types.events import event_phrase
 from nsdr.visualize.html_parts import data_uri, jpeg, thumbnail
 from nsdr.visualize.plan_frames import draw_plan
-from nsdr.world.physics_constants import FPS, horizon_frame
-from nsdr.world.vocabulary import COLORS_RGB
+from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.world import World
 
 LABEL_WIDTH, LANE_WIDTH, LANE_HEIGHT, AXIS_HEIGHT = 170, 550, 24, 24
 """Sizes of the drawing (units of its view box)."""
 HEAD_LENGTH = 6
 """Length of the head of an arrow, and from its tip to the event's place (units of the view box)."""
-TICK_FRAMES = 25
-"""Frames between two numbers on the axis: one second."""
 CARD_WIDTH_PX = 360
 """Width of the pictures of events (pixels): twice of what is shown, for dense screens."""
 TIMELINE_STYLE = """
@@ -51,15 +49,16 @@ def timeline_html(perception: Perception, frames: NDArray[np.uint8] | None, vide
 
     Args:
         perception: of a video.
-        frames: (T, 320, 480, 3) uint8 RGB of it, for the pictures; None leaves these out.
+        frames: (T, height, width, 3) uint8 RGB of it, for the pictures; None leaves these out.
         video: CSS selector of the page's video, which a click on an event moves to its frame.
     """
     scene = perception.scene
     events = [*scene.events, *(scene.predicted or ())]
-    marks = _arrows(events, horizon_frame(scene.n_frames))
+    end = scene.world.timeline.horizon_frame(scene.n_frames)
+    marks = _arrows(events, end)
     marks += "".join(_mark(event, number, perception, video) for number, event in enumerate(events))
     moving = None if scene.moving is None else scene.moving & scene.visible
-    lanes = lanes_html(scene.objects, scene.visible, moving, horizon_frame(scene.n_frames), marks, "events")
+    lanes = lanes_html(scene.objects, scene.visible, moving, end, marks, "events", scene.world)
     return f"<div class=timeline>{lanes}{_event_cards(perception, frames, video)}</div>"
 
 
@@ -70,6 +69,7 @@ def lanes_html(
     end: int,
     marks: str,
     what: str,
+    world: World,
 ) -> str:
     """The drawing of a timeline: an axis, a lane for each object, and what is marked in them.
 
@@ -80,9 +80,11 @@ def lanes_html(
         end: the axis ends before this frame; what is after the video lies on a grey ground.
         marks: SVG elements.
         what: what they mark, in the plural.
+        world: the world that the video is of.
     """
     box = f"0 0 {LABEL_WIDTH + LANE_WIDTH} {LANE_HEIGHT * len(objects) + AXIS_HEIGHT}"
-    drawn = _axis(len(objects), visible.shape[1], end) + _lanes(objects, visible, moving, end) + marks
+    drawn = _axis(len(objects), visible.shape[1], end, world.timeline.fps)
+    drawn += _lanes(objects, visible, moving, end, world.vocabulary) + marks
     return f"<svg viewBox='{box}' role=group aria-label='timeline of the {what}'>{drawn}</svg>"
 
 
@@ -95,7 +97,7 @@ def _event_cards(perception: Perception, frames: NDArray[np.uint8] | None, video
         later = event.frame >= scene.n_frames
         text = html.escape(_words(event, scene))
         when = f"about frame {event.frame}, predicted" if later else f"frame {event.frame}"
-        click = "" if later else _seek(event.frame, video)
+        click = "" if later else _seek(event.frame, video, scene.world)
         image = event_picture(event, perception, frames, simulated)
         cards.append(f"<button type=button data-event={number}{click}>{image}<b>{when}</b>{text}</button>")
     return f"<div class=cards>{''.join(cards)}</div>"
@@ -106,11 +108,12 @@ def frame_x(frame: float, end: int) -> float:
     return round(LABEL_WIDTH + LANE_WIDTH * min(frame / end, 1), 1)
 
 
-def _axis(n_objects: int, n_frames: int, end: int) -> str:
+def _axis(n_objects: int, n_frames: int, end: int, fps: int) -> str:
+    """The axis with a number at each second."""
     bottom = LANE_HEIGHT * n_objects
     later = frame_x(n_frames, end)
     parts = [f"<rect class=later x={later} y=0 width={LABEL_WIDTH + LANE_WIDTH - later} height={bottom} />"]
-    for frame in range(0, end, TICK_FRAMES):
+    for frame in range(0, end, fps):
         x = frame_x(frame, end)
         parts.append(f"<line class=axis x1={x} x2={x} y1=0 y2={bottom + 4} />")
         parts.append(f"<text x={x} y={bottom + 17} text-anchor=middle>{frame}</text>")
@@ -119,12 +122,16 @@ def _axis(n_objects: int, n_frames: int, end: int) -> str:
 
 
 def _lanes(
-    objects: Sequence[SceneObject], visible: NDArray[np.bool_], moving: NDArray[np.bool_] | None, end: int
+    objects: Sequence[SceneObject],
+    visible: NDArray[np.bool_],
+    moving: NDArray[np.bool_] | None,
+    end: int,
+    vocabulary: Vocabulary,
 ) -> str:
     parts = []
     still = np.zeros(visible.shape, bool)
     for o in objects:
-        red, green, blue = COLORS_RGB[o.color]
+        red, green, blue = vocabulary.color(o.color).srgb
         y = LANE_HEIGHT * o.id
         parts.append(f"<text x=0 y={y + 16}>{o.id} {html.escape(o.name)}</text>")
         for what, flags, opacity in (
@@ -147,7 +154,7 @@ def _spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _mark(event: Event, number: int, perception: Perception, video: str) -> str:
     scene = perception.scene
-    x = frame_x(event.frame, horizon_frame(scene.n_frames))
+    x = frame_x(event.frame, scene.world.timeline.horizon_frame(scene.n_frames))
     lanes = [LANE_HEIGHT * i + LANE_HEIGHT / 2 for i in event.objects]
     top, bottom = min(lanes), max(lanes)
     if event.kind == "collision":
@@ -158,7 +165,7 @@ def _mark(event: Event, number: int, perception: Perception, video: str) -> str:
     title = html.escape(f"frame {event.frame}: {_words(event, scene)}")
     point = "this.closest('.timeline').querySelector('[data-event=&quot;%d&quot;]').classList.%s('marked')"
     hover = f' onmouseover="{point % (number, "add")}" onmouseout="{point % (number, "remove")}"'
-    click = _seek(event.frame, video) if event.frame < scene.n_frames else ""
+    click = _seek(event.frame, video, scene.world) if event.frame < scene.n_frames else ""
     area = f"<rect class=hit x={x - 7} y={top - 9} width=14 height={bottom - top + 18} />"
     return f"<g class=event tabindex=0 role=button{hover}{click}><title>{title}</title>{shape}{area}</g>"
 
@@ -181,14 +188,14 @@ def _arrows(events: Sequence[Event], end: int) -> str:
     return "".join(parts)
 
 
-def _seek(frame: int, video: str) -> str:
+def _seek(frame: int, video: str, world: World) -> str:
     """An attribute that moves the video to a frame."""
-    return f' onclick="{seek_script(frame, video)}"'
+    return f' onclick="{seek_script(frame, video, world.timeline.fps)}"'
 
 
-def seek_script(frame: int, video: str) -> str:
+def seek_script(frame: int, video: str, fps: int) -> str:
     """JavaScript for an attribute in double quotes that moves the video of a CSS selector to a frame."""
-    seconds = (frame + 0.5) / FPS
+    seconds = (frame + 0.5) / fps
     move = f"v.pause();v.currentTime={seconds:.2f};v.scrollIntoView({{block:&quot;nearest&quot;}})"
     return f"const v=document.querySelector('{video}');if(v){{{move}}}"
 
@@ -210,13 +217,15 @@ def event_picture(
     Args:
         event: one of the video, or of what is simulated.
         perception: of the video.
-        frames: (T, 320, 480, 3) uint8 RGB of it; None leaves these out.
+        frames: (T, height, width, 3) uint8 RGB of it; None leaves these out.
         simulated: what is drawn from above; None leaves it out.
     """
     if frames is not None and perception.tracks is not None and event.frame < len(frames):
         source = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects, CARD_WIDTH_PX)
     elif simulated is not None:
-        source = data_uri(jpeg(draw_plan(perception.scene.objects, simulated, event.frame, camera=perception.camera)))
+        source = data_uri(
+            jpeg(draw_plan(perception.scene.objects, simulated, event.frame, world=perception.scene.world))
+        )
     else:
         return ""
     return f"<img alt='frame {event.frame}' src='{source}'>"

@@ -24,7 +24,6 @@ from nsdr.types.judgements import OF_ALL
 from nsdr.validation import convert
 from nsdr.visualize.html_parts import notes_html, thumbnail, video_html, write_page
 from nsdr.visualize.timeline import LANE_HEIGHT, TIMELINE_STYLE, frame_x, lanes_html, seek_script
-from nsdr.world.physics_constants import FPS
 
 AROUND_FRAMES = 8
 """Frames from a violation to the pictures before and after it."""
@@ -86,17 +85,17 @@ def judged_video(pipeline: Pipeline, row: Mapping[str, Any]) -> JudgedVideo:
     frames = np.stack(list(pipeline.frames(path, beyond_cuts=True, note=unsaid)))  # the judgement has the notes
     tracks = track(pipeline.proposals(path)[0], pipeline.tracker)
     name = f"video-{fingerprint(inputs=[path])}"
-    player = f"<div id={name}>{_player(frames)}</div>"
+    player = f"<div id={name}>{_player(frames, tracks.world.timeline.fps)}</div>"
     return JudgedVideo(path, judgement, player + judgement_html(judgement, tracks, frames, f"#{name} video"))
 
 
-def _player(frames: NDArray[np.uint8]) -> str:
+def _player(frames: NDArray[np.uint8], fps: int) -> str:
     """The video at its speed, within `MAX_VIDEO_BYTES`; "" if it is too large even at the lowest quality."""
     step = math.ceil(len(frames) / MAX_VIDEO_FRAMES)
     for crf in VIDEO_CRFS:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "video.mp4"
-            write_video(file, frames[::step], Fraction(FPS, step), crf)
+            write_video(file, frames[::step], Fraction(fps, step), crf)
             if file.stat().st_size <= MAX_VIDEO_BYTES:
                 return video_html(file.read_bytes())
     return ""
@@ -143,7 +142,7 @@ def judgement_html(judgement: Judgement, tracks: VideoTracks, frames: NDArray[np
     marks, details = [], []
     most = max((v.probability for v in judgement.violations), default=0.0)
     for number, v in enumerate(judgement.violations):
-        seek = seek_script(v.frame, video) if video else ""
+        seek = seek_script(v.frame, video, tracks.world.timeline.fps) if video else ""
         marks.append(_mark(v, number, judgement, seek))
         text = html.escape(judgement.describe(v))
         images = "".join(_picture(frames, f, tracks, v) for f in _frames_of(v, len(frames)))
@@ -155,7 +154,8 @@ def judgement_html(judgement: Judgement, tracks: VideoTracks, frames: NDArray[np
     visible = np.zeros((len(judgement.objects), judgement.n_frames), bool)
     for t in tracks.tracks:
         visible[t.object.id, t.frame_index] = True
-    lanes = lanes_html(judgement.objects, visible, None, judgement.n_frames, "".join(marks), "violations")
+    of_video = judgement.objects, visible, None, judgement.n_frames
+    lanes = lanes_html(*of_video, "".join(marks), "violations", tracks.world)
     shown = f"<div class=timeline>{lanes}</div>{LEGEND}{''.join(details)}" if judgement.violations else ""
     return f"<div class=judged><p>{_verdict(judgement)}</p>{notes_html(judgement.notes)}{shown}</div>"
 
