@@ -21,15 +21,15 @@ from nsdr.generate.render.view import view_of
 from nsdr.io.limits import check_limit
 from nsdr.io.video import window_frames
 from nsdr.validation import Count, PositiveCount, Settings
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.camera import Camera
 from nsdr.world.shapes import rendered_rotation
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import Vocabulary
 
 __all__ = ["STATE", "VideoDataset"]
 
 STATE = {"location": slice(0, 3), "rotation": slice(3, 7), "velocity": slice(7, 10), "angular_velocity": slice(10, 13)}
 """Columns of `states`: centre (world units), quaternion (x, y, z, w) of the shape with its axis along z, velocity (world
-units/s), angular velocity (rad/s). Seconds are of simulated time, of which a frame is 0.028."""
+units/s), angular velocity (rad/s). Seconds are of simulated time, of which a frame is 0.028 in CLEVRER."""
 VECTORS = ("location", "orientation", "velocity", "angular_velocity")
 NEAREST = cv2.INTER_NEAREST_EXACT
 """Takes the value at a pixel's centre."""
@@ -46,6 +46,7 @@ class _Truth:
         visible: (F, n).
         collisions: (frame, objects).
         camera: the camera that took the video.
+        vocabulary: the words of the objects.
     """
 
     attributes: NDArray[np.int64]
@@ -54,10 +55,11 @@ class _Truth:
     visible: NDArray[np.bool_]
     collisions: tuple[tuple[int, tuple[int, int]], ...]
     camera: Camera
+    vocabulary: Vocabulary
 
     def solids(self, frame: int) -> list[Solid]:
         """The geometry of the objects in a frame."""
-        shapes = [ATTRIBUTES["shape"][i] for i in self.attributes[:, 2]]
+        shapes = [self.vocabulary.shapes[i] for i in self.attributes[:, 2]]
         places = self.states[frame, :, STATE["location"]]
         turns = Rotation.from_quat(self.states[frame, :, STATE["rotation"]]).as_matrix()
         return [Solid(shape, place, turn) for shape, place, turn in zip(shapes, places, turns, strict=True)]
@@ -81,7 +83,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
     - `masks` (T, H, W) uint8, what is seen at each pixel's centre by ray casting: 0 the ground, i + 1 the object of row i
     - `states` (T, N, 13) float32, columns as in `STATE`; `visible` (T, N) bool, whether the object is in the image
     - `contacts` (T, N, N) bool, symmetric: pairs that begin to collide after the clip's previous frame, up to this one
-    - `attributes` (N, 3) int64, color, material and shape (`nsdr.world.vocabulary.ATTRIBUTES`), -1 in rows without an object;
+    - `attributes` (N, 3) int64, color, material and shape (`Vocabulary.words` of the world), -1 in rows without an object;
       `mass` (N,) float32, relative, NaN where it is not known (the release withholds it); `present` (N,) bool
     - `flow` (T, 2, H, W) float32, displacement of what is seen until the video's next frame (pixels to the right, down); 0 in
       the last frame of a released video, after which nothing is known
@@ -100,7 +102,7 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
         length: frames of a clip; 0 for all that the video has.
         step: distance between successive frames of a clip (frames).
         hop: distance between the starts of successive clips of a video (frames); 0 for clips that do not overlap.
-        image_size: height and width (pixels); None for the video's own, at most 320x480.
+        image_size: height and width (pixels); None for the video's own, at most its world's.
         images, masks, flow: whether items have them. Without `images`, the videos may be missing, and masks and flow need an
             `image_size`.
         max_objects: rows of the objects.
@@ -124,9 +126,12 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
     ) -> None:
         _Options(length, step, hop, image_size, max_objects)
         if image_size is not None:
-            # Masks are cast at the release's aspect ratio.
-            height = max(image_size[0], image_size[1] * HEIGHT_PX // WIDTH_PX)
-            check_limit(height * height * WIDTH_PX // HEIGHT_PX, "image_pixels", f"image_size {tuple(image_size)}")
+            # Masks are cast at the aspect ratio of the world's images.
+            camera = CLEVRER(root).world.camera
+            height = max(image_size[0], image_size[1] * camera.height // camera.width)
+            check_limit(
+                height * height * camera.width // camera.height, "image_pixels", f"image_size {tuple(image_size)}"
+            )
         if not images and (masks or flow) and image_size is None:
             raise DataError("image_size: masks and flow without images need a size")
         self._root, self._split = Path(root), CLEVRER(root).split(split)
@@ -187,16 +192,16 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
         if self._render is None:
             annotation = self._split.annotation(video)
             rows, frames, collisions = (annotation[k] for k in ("object_property", "motion_trajectory", "collision"))
-            camera = CLEVRER_CAMERA
+            camera = self._split.world.camera
         else:
             file = read_truth_file(self._truth_file(video))
             if file["scene_index"] != video:
                 raise DataError(f"{self._truth_file(video)}: scene_index: expected {video}, got {file['scene_index']}")
             rows, frames, collisions = file["objects"], file["frames"], file["collisions"]
-            camera = view_of(self._render, file["seed"]).camera
+            camera = view_of(self._render, file["seed"], self._split.world).camera
         if len(rows) > self.max_objects:
             raise DataError(f"video {video} has {len(rows)} objects; max_objects is {self.max_objects}")
-        return _truth_of(rows, frames, collisions, camera)
+        return _truth_of(rows, frames, collisions, camera, self._split.world.vocabulary)
 
     def _objects(self, truth: _Truth, frames: NDArray[np.int64]) -> dict[str, Any]:
         n, most = len(truth.mass), self.max_objects
@@ -217,15 +222,16 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
     def _images(self, video: int, frames: NDArray[np.int64]) -> list[NDArray[np.uint8]]:
         path = self._split.video(video)
         start, stop = int(frames[0]), int(frames[-1]) + 1
-        decoded = window_frames(path, start, stop)
+        decoded = window_frames(path, start, stop, self._split.world)
         if len(decoded) < stop - start:
             raise DataError(f"{path}: has {start + len(decoded)} frames; expected {self._split.n_frames}")
         return [decoded[frame - start] for frame in frames]
 
     def _pixels(self, truth: _Truth, frames: NDArray[np.int64], size: tuple[int, int]) -> dict[str, Any]:
-        """Masks and flow, cast at the release's aspect ratio and scaled to the size wanted."""
-        height = max(size[0], -(-size[1] * HEIGHT_PX // WIDTH_PX))
-        camera = replace(truth.camera, width=round(height * WIDTH_PX / HEIGHT_PX), height=height)
+        """Masks and flow, cast at the aspect ratio of the world's images and scaled to the size wanted."""
+        shown = self._split.world.camera
+        height = max(size[0], -(-size[1] * shown.height // shown.width))
+        camera = replace(truth.camera, width=round(height * shown.width / shown.height), height=height)
         scale = np.array([size[1] / camera.width, size[0] / camera.height], np.float32)
         masks, flows = [], []
         for frame in frames:
@@ -245,20 +251,23 @@ def _truth_of(
     frames: list[dict[str, Any]],
     collisions: list[dict[str, Any]],
     camera: Camera,
+    vocabulary: Vocabulary,
 ) -> _Truth:
     """The truth in a truth or annotation file, as arrays."""
     rows = sorted(rows, key=lambda row: row["object_id"])
     ordered = [sorted(frame["objects"], key=lambda row: row["object_id"]) for frame in frames]
     vectors = np.array([[[row[name] for name in VECTORS] for row in frame] for frame in ordered])
     location, orientation, velocity, spin = vectors.transpose(2, 0, 1, 3)
-    turns = [rendered_rotation(row["shape"], orientation[:, i]).as_quat() for i, row in enumerate(rows)]
+    shapes = [vocabulary.shape(row["shape"]) for row in rows]
+    turns = [rendered_rotation(shape, orientation[:, i]).as_quat() for i, shape in enumerate(shapes)]
     return _Truth(
-        np.array([[words.index(row[name]) for name, words in ATTRIBUTES.items()] for row in rows]),
+        np.array([[words.index(row[name]) for name, words in vocabulary.words.items()] for row in rows]),
         np.array([row.get("mass", np.nan) for row in rows], np.float32),
         np.concatenate([location, np.stack(turns, 1), velocity, spin], -1),
         np.array([[row["inside_camera_view"] for row in frame] for frame in ordered]),
         tuple((c["frame_id"], (c["object_ids"][0], c["object_ids"][1])) for c in collisions),
         camera,
+        vocabulary,
     )
 
 

@@ -15,6 +15,7 @@ from nsdr.clevrer.files.annotations import check_truth, read_annotation, read_tr
 from nsdr.clevrer.files.compact_proposals import compact_rows, read_compact_proposals
 from nsdr.clevrer.files.proposals import proposals_document, proposals_from_masks, read_proposals
 from nsdr.cli.main import main
+from nsdr.datasets import VideoDataset
 from nsdr.dynamics.collisions.features import MotionArrays, network_inputs, radii
 from nsdr.dynamics.collisions.network import CollisionNetwork, CollisionNetworkConfig, TrackCollisionDetector
 from nsdr.dynamics.motion_states import MotionStates, object_features
@@ -156,6 +157,23 @@ def test_videos_have_the_worlds_size_and_rate(folder) -> None:
     values = [video.get(key) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FPS)]
     assert values == [320, 192, 15]
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 60
+
+
+def test_video_data_sets_know_the_world(folder) -> None:
+    item = VideoDataset(folder)[0]
+    assert item["video"].shape == (60, 3, 192, 320)
+    words, shown = DISCS.vocabulary, item["present"].nonzero()[:, 0].tolist()
+    truth = read_truth_file(folder / "truth/train/truth_00000.json")
+    for i in shown:
+        names = [known[int(k)] for known, k in zip(words.words.values(), item["attributes"][i], strict=True)]
+        assert names == [truth["objects"][i][name] for name in ("color", "material", "shape")]
+        places = DISCS.camera.pixels(item["states"][:, i, :3].numpy())
+        seen = [
+            np.argwhere(mask.numpy() == i + 1).mean(0)[::-1] - place
+            for mask, place in zip(item["masks"], places, strict=True)
+            if (mask == i + 1).sum() > 100 and 20 < place[0] < 300 and 20 < place[1] < 172
+        ]
+        assert np.linalg.norm(np.median(seen, 0)) < 4
 
 
 def test_objects_rest_at_their_heights(folder) -> None:

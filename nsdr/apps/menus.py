@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations
 
 from nsdr.errors import DataError
 from nsdr.types import Add, Event, Freeze, Move, Remove, Scene, SetMass, SetVelocity
@@ -143,7 +143,7 @@ def changed_objects(kind: str, scene: Scene) -> list[str]:
     names = [o.name for o in scene.objects]
     if not CHANGES[kind].adds:
         return names
-    return [name for name in map(" ".join, product(*scene.world.vocabulary.words.values())) if name not in names]
+    return [name for name in map(" ".join, scene.world.vocabulary.triples) if name not in names]
 
 
 def intervention(kind: str | None, name: str | None, numbers: Sequence[float]) -> Intervention:

@@ -43,6 +43,7 @@ from nsdr.pipeline import Perception, Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 from nsdr.world.physics_constants import FPS
+from nsdr.world.world import CLEVRER_WORLD
 
 MIN_FOLLOWING_FRAMES = 8
 """Smallest number of frames after the cut in a video that is scored."""
@@ -156,9 +157,12 @@ def _settings(
     root: Path, given_frames: int, runs: int, pipeline: PipelineConfig, checkpoint: str, device: str
 ) -> _Settings:
     """Settings completed from the manifest of the data set. No video is refused for its looks, which are the model's errors."""
-    manifest = CLEVRER(root).manifest
+    data = CLEVRER(root)
+    manifest = data.manifest
     if manifest is None:
         raise DataError(f"{root}: has no manifest.json; expected a data set of `nsdr generate dataset`")
+    if data.world != CLEVRER_WORLD:
+        raise DataError(f"{root}: was made in the world {data.world.name}; expected clevrer")
     if pipeline.video.check == "refuse":
         pipeline = replace(pipeline, video=replace(pipeline.video, check="warn"))
     return _Settings(given_frames, runs, *made_with(manifest, root), pipeline, checkpoint, str(resolve_device(device)))

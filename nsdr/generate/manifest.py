@@ -13,8 +13,6 @@ from nsdr.generate.render.view import RenderConfig
 from nsdr.io.configuration import config_of
 from nsdr.io.worlds import world_in
 from nsdr.validation import Settings, convert
-from nsdr.world.physics_constants import FPS
-from nsdr.world.world import CLEVRER_WORLD
 
 Config = TypeVar("Config", bound=Settings)
 
@@ -44,14 +42,13 @@ def made_with(manifest: Mapping[str, Any], root: Path) -> tuple[BulletConfig, Re
     """
     where = f"{root / 'manifest.json'}: "
     config, world = convert(manifest, _Manifest, where).config, world_in(manifest, where)
-    if world != CLEVRER_WORLD:
-        raise DataError(f"{root}: was made in the world {world.name}; expected clevrer")
     physics = _known(BulletConfig, config.scene.physics, f"{where}config.scene.physics")
     render = _known(RenderConfig, config.render, f"{where}config.render")
     if render.frames:
         raise DataError(f"{root}: its videos show {render.frames} frames of each scene; make videos of all (frames: 0)")
-    if render.fps not in (None, FPS):
-        raise DataError(f"{root}: its videos have {render.fps} frames per second; expected {FPS}")
+    fps = world.timeline.fps
+    if render.fps not in (None, fps):
+        raise DataError(f"{root}: its videos have {render.fps} frames per second; expected {fps}")
     return physics, render
 
 
