@@ -59,7 +59,7 @@ from nsdr.io.reading import read_json
 from nsdr.symbolic import Executor
 from nsdr.world.camera import CLEVRER_CAMERA
 from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
-from nsdr.world.vocabulary import ATTRIBUTES
+from nsdr.world.vocabulary import CLEVRER
 from nsdr.world.world import CLEVRER_WORLD
 
 ERRORS_WORLD = (0.001, 0.003, 0.01)
@@ -216,7 +216,7 @@ def removed_by(question: Question, scene: Scene) -> int:
     """Id of the object that a counterfactual question removes."""
     assert question.program is not None
     before = question.program[: question.program.index("get_counterfact")]
-    words = {word for known in ATTRIBUTES.values() for word in known} & set(before)
+    words = CLEVRER.attributes.keys() & set(before)
     (one,) = [o.id for o in scene.objects if words <= {o.color, o.material, o.shape}]
     return one
 

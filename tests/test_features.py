@@ -33,7 +33,7 @@ from nsdr.io.configuration import parse_config
 from nsdr.io.reading import read_json
 from nsdr.io.video import spaced, write_video
 from nsdr.types import VideoProposals
-from nsdr.world.vocabulary import ATTRIBUTES, COLORS
+from nsdr.world.vocabulary import CLEVRER, COLORS
 
 from .conftest import draw_frame
 from .second_device import second_device
@@ -319,7 +319,7 @@ def test_features_of_truth_are_words_and_boxes() -> None:
     motion = [{"objects": [state(0, (0, -1), True), state(1, (0, 1), seen)]} for seen in (True, False)]
     config = WordConfig(frames=2, max_objects=3)
     found = truth_features({"object_property": things, "motion_trajectory": motion}, config)
-    words = [word for known in ATTRIBUTES.values() for word in known]
+    words = list(CLEVRER.attributes)
     objects, maps = found["objects"], found["maps"]
     assert {words[i] for i in np.flatnonzero(objects[0, 0, :-4])} == {"red", "metal", "sphere"}
     assert {words[i] for i in np.flatnonzero(objects[0, 1, :-4])} == {"blue", "rubber", "cube"}

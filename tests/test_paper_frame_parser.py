@@ -13,7 +13,7 @@ from nsdr.frame_parser.model import FrameParserConfig, build_frame_parser
 from nsdr.io.checkpoint import load_checkpoint
 from nsdr.training import frame_parser
 from nsdr.training.frame_parser import load_coco_weights
-from nsdr.world.vocabulary import N_ATTRIBUTE_TRIPLES
+from nsdr.world.vocabulary import CLEVRER
 
 CONFIG = Path(__file__).parent.parent / "configs" / "frame_parser" / "paper.yaml"
 NARROW = FrameParserConfig(backbone="resnet50", attributes="joint", fpn_channels=256, box_features=16, mask_channels=16)
@@ -63,6 +63,6 @@ def test_the_papers_recipe_trains(coco, tiny_frames, tmp_path) -> None:
     output = frame_parser.main([*arguments, *few])
     state, card = load_checkpoint(output, "frame_parser")
     assert card["training"]["pretrained"] == "coco"
-    assert any(value.shape[:1] == (N_ATTRIBUTE_TRIPLES,) for value in state.values())
+    assert any(value.shape[:1] == (CLEVRER.n_triples,) for value in state.values())
     (line,) = (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()
     assert json.loads(line)["loss/loss_attribute"] > 0

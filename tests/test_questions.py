@@ -29,7 +29,7 @@ from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.language.slots import Slot, with_filters
 from nsdr.language.texts import clevrer
 from nsdr.world.camera import Camera
-from nsdr.world.vocabulary import ATTRIBUTES, CLEVRER, COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import CLEVRER, COLORS, MATERIALS, SHAPES
 from nsdr.world.world import CLEVRER_WORLD
 
 
@@ -72,7 +72,7 @@ def test_questions_follow_the_rules_of_the_release(scenes, generated) -> None:
         assert len({q.program for q in questions.questions if not q.choices}) == sum(kinds)
         for q in questions.questions:
             if q.subtype and q.subtype.startswith("query"):
-                asked = ATTRIBUTES[q.subtype.removeprefix("query_")]
+                asked = CLEVRER.words[q.subtype.removeprefix("query_")]
                 text = q.text.split(" when ")[0].split(" collide ")[0]
                 assert not set(re.findall(r"\w+", text)) & set(asked)
             if q.type == "predictive":

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from nsdr.errors import DataError
-from nsdr.validation import Checked, Share, one_of
+from nsdr.validation import Checked, Share
 from nsdr.world.physics import DECIMALS
 
 NAMES = ("color", "material", "shape")
@@ -298,16 +298,8 @@ class Vocabulary(Checked):
 
 CLEVRER = Vocabulary()
 COLORS, MATERIALS, SHAPES = CLEVRER.words.values()
-ATTRIBUTES = CLEVRER.words
-"""Words of each attribute."""
-ColorWord = Annotated[str, one_of(COLORS)]
-MaterialWord = Annotated[str, one_of(MATERIALS)]
-ShapeWord = Annotated[str, one_of(SHAPES)]
-N_ATTRIBUTE_TRIPLES = CLEVRER.n_triples
-"""Number of attribute triples (48)."""
 COLORS_RGB = {color.word: color.srgb for color in CLEVRER.colors}
 """sRGB (0-255) of each colour word."""
-ADJECTIVES, NOUNS = CLEVRER.adjectives, CLEVRER.nouns
 attribute_index, attributes_of = CLEVRER.index, CLEVRER.triple
 
 

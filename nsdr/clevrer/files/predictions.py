@@ -9,7 +9,7 @@ shape}]}]`, sampled every 5th frame, 12 samples beyond the video (185 for 128 fr
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -19,7 +19,7 @@ from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, SceneObject
 from nsdr.types.events import collisions_in_view, enter_exit_events
-from nsdr.validation import expect
+from nsdr.validation import expect, one_of
 from nsdr.world.camera import (
     CLEVRER_CAMERA,
     HEIGHT_PX,
@@ -29,7 +29,7 @@ from nsdr.world.camera import (
     pixels_from_grid,
 )
 from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
-from nsdr.world.vocabulary import ColorWord, MaterialWord, ShapeWord
+from nsdr.world.vocabulary import CLEVRER
 
 __all__ = [
     "SAMPLE_FRAMES",
@@ -56,9 +56,9 @@ Triple = tuple[str, str, str]
 class Described(msgspec.Struct):
     """What is described by attribute words."""
 
-    color: ColorWord
-    material: MaterialWord
-    shape: ShapeWord
+    color: Annotated[str, one_of(CLEVRER.words["color"])]
+    material: Annotated[str, one_of(CLEVRER.words["material"])]
+    shape: Annotated[str, one_of(CLEVRER.words["shape"])]
 
     @property
     def triple(self) -> Triple:
