@@ -208,7 +208,8 @@ def test_networks_are_trained_on_the_words_of_a_data_set_and_refused_for_others(
     small = ["--run-dir", str(run), "--questions", str(root / "questions/train.json"), "--steps", "2"]
     small += ["--batch-size", "4", "--evaluation-texts", "4", "--model.embedding", "8", "--model.hidden", "8"]
     folder = train_question_parser(small)
-    parser = QuestionParser.from_checkpoint(folder, DISCS.vocabulary)
+    parser = QuestionParser.from_checkpoint(folder)
+    assert parser.world == DISCS
     assert {"orange", "wood", "coin"} <= set(decoder_tokens(DISCS.vocabulary)) - set(
         decoder_tokens(CLEVRER_WORLD.vocabulary)
     )
@@ -217,11 +218,12 @@ def test_networks_are_trained_on_the_words_of_a_data_set_and_refused_for_others(
     with pytest.raises(
         CheckpointError, match=r"other program tokens \(orange, white, teal, wood, steel, disc, coin, brick\)"
     ):
-        QuestionParser.from_checkpoint(folder)
+        QuestionParser.from_checkpoint(folder, CLEVRER_WORLD.vocabulary)
     with pytest.raises(CheckpointError, match=r"other program tokens .*give the weights of this world"):
         load_parser("network", vocabulary=DISCS.vocabulary)
     parser.save_pretrained(tmp_path / "saved")
-    again = QuestionParser.from_checkpoint(tmp_path / "saved", DISCS.vocabulary)
+    again = QuestionParser.from_pretrained(tmp_path / "saved", device="cpu")
+    assert again.world == DISCS
     assert again.candidates(["How many orange coins are there?"])[0][0] == found
     irregular = replace(
         DISCS.vocabulary, shapes=(replace(DISCS.vocabulary.shapes[0], plural="dixes"), *DISCS.vocabulary.shapes[1:])

@@ -1,6 +1,7 @@
 """Programs of texts by the paper's networks (section 4.3), one for each kind of text, with their own probability."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Self, cast
@@ -9,8 +10,9 @@ import torch
 from torch import nn
 
 from nsdr.errors import CheckpointError, NsdrError, ProgramError, QuestionError
-from nsdr.io.checkpoint import PretrainedPart, load_description, load_network
+from nsdr.io.checkpoint import PretrainedPart, load_description, load_network, trained_for
 from nsdr.io.device import limit_threads
+from nsdr.io.worlds import stored_world
 from nsdr.language.normal import normal_form
 from nsdr.language.texts import TEXT_KINDS
 from nsdr.question_parser.base import Parser
@@ -18,7 +20,8 @@ from nsdr.question_parser.grammar import REMEDY, another_kind, check_text, unles
 from nsdr.question_parser.model import ParserNetwork, QuestionParserConfig
 from nsdr.question_parser.tokenizer import OTHER, Tokenizer, decoder_tokens, split_words
 from nsdr.symbolic.program import Program
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.world import CLEVRER_WORLD, World
 
 MIN_PROBABILITY = 0.5
 """Programs with a smaller probability are refused (0-1): such a program is more probable than all others together."""
@@ -43,23 +46,29 @@ class QuestionParser(PretrainedPart, Parser):
     Args:
         tokenizer: word vocabulary.
         networks: the networks of `build_networks`.
-        vocabulary: the words of objects that they were trained on.
+        world: the world whose words they were trained on.
     """
 
     part = "question_parser"
 
-    def __init__(self, tokenizer: Tokenizer, networks: nn.ModuleDict, vocabulary: Vocabulary = CLEVRER) -> None:
-        self.tokenizer, self.networks, self.vocabulary = tokenizer, networks.eval(), vocabulary
+    def __init__(self, tokenizer: Tokenizer, networks: nn.ModuleDict, world: World = CLEVRER_WORLD) -> None:
+        self.tokenizer, self.networks, self.world, self.vocabulary = tokenizer, networks.eval(), world, world.vocabulary
 
     @classmethod
-    def from_checkpoint(cls, folder: str | Path, vocabulary: Vocabulary = CLEVRER, **options: Any) -> Self:
+    def from_checkpoint(cls, folder: str | Path, vocabulary: Vocabulary | None = None, **options: Any) -> Self:
         """The question parser of a checkpoint's folder, on the CPU; `options` are arguments of the constructor.
+
+        Args:
+            folder: the folder.
+            vocabulary: the words of objects, with their synonyms; None for those of the world that it was trained for.
 
         Raises:
             CheckpointError: `question_parser.safetensors` or `question_parser.json` is missing or corrupt, or the parser was
                 trained with other program tokens, such as other words of objects.
         """
         path, details = Path(folder) / f"{cls.part}.json", load_description(folder, cls.part)
+        world = trained_for(folder, cls.part)
+        vocabulary = vocabulary or world.vocabulary
         tokens, words, expected = details.get("program_tokens"), details.get("words"), decoder_tokens(vocabulary)
         if not isinstance(tokens, list) or tuple(tokens) != expected:
             other = (
@@ -78,7 +87,12 @@ class QuestionParser(PretrainedPart, Parser):
             raise CheckpointError(f"{path}: words: expected those of the world, such as {missing[0]}; train it again")
         tokenizer = Tokenizer(words)
         build = partial(build_networks, len(tokenizer), len(expected))
-        return cls(tokenizer, load_network(folder, cls.part, QuestionParserConfig, build), vocabulary, **options)
+        return cls(
+            tokenizer,
+            load_network(folder, cls.part, QuestionParserConfig, build),
+            replace(world, vocabulary=vocabulary),
+            **options,
+        )
 
     @property
     def network(self) -> nn.Module:
@@ -87,7 +101,8 @@ class QuestionParser(PretrainedPart, Parser):
 
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
         network: Any = self.networks[TEXT_KINDS[0]]
-        return network.config, {"words": self.tokenizer.words, "program_tokens": decoder_tokens(self.vocabulary)}
+        words = {"words": self.tokenizer.words, "program_tokens": decoder_tokens(self.vocabulary)}
+        return network.config, {**words, **stored_world(self.world)}
 
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:
         """See `Parser`.

@@ -13,7 +13,7 @@ from torch.nn import functional as F
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.errors import DataError
 from nsdr.io.checkpoint import load_description, start_from
-from nsdr.io.worlds import read_world, world_beside
+from nsdr.io.worlds import read_world, stored_world, world_beside
 from nsdr.language.normal import normal_form
 from nsdr.language.reserved import check_vocabulary
 from nsdr.language.rules import Pair
@@ -81,7 +81,8 @@ class QuestionParserTask(Task):
     def __init__(self, config: QuestionParserTraining) -> None:
         torch.manual_seed(config.loop.seed)
         self.config = config
-        self.vocabulary = (read_world(config.world) if config.world else world_beside(config.questions)).vocabulary
+        self.world = read_world(config.world) if config.world else world_beside(config.questions)
+        self.vocabulary = self.world.vocabulary
         check_vocabulary(self.vocabulary)
         self.program_tokens = decoder_tokens(self.vocabulary)
         self.token_index = {token: i for i, token in enumerate(self.program_tokens)}
@@ -176,7 +177,7 @@ class QuestionParserTask(Task):
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """For each kind, the share of exact programs on texts of the grammar, and on CLEVRER's paraphrases."""
         rng = random.Random("evaluation")
-        parser = QuestionParser(self.tokenizer, cast(nn.ModuleDict, model), self.vocabulary)
+        parser = QuestionParser(self.tokenizer, cast(nn.ModuleDict, model), self.world)
         scores = {}
         for kind in TEXT_KINDS:
             pairs = [sample(kind, rng, self.vocabulary) for _ in range(self.config.evaluation_texts)]
@@ -210,5 +211,5 @@ def main(argv: Sequence[str] | None = None) -> str:
     """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_training(QuestionParserTraining, argv, "question-parser")
     task = QuestionParserTask(config)
-    details = {"words": task.tokenizer.words, "program_tokens": task.program_tokens}
+    details = {"words": task.tokenizer.words, "program_tokens": task.program_tokens, **stored_world(task.world)}
     return train_part("question_parser", task, config, config.model, details)
