@@ -46,5 +46,5 @@ def check_tracks(tracks: VideoTracks, config: TrackerConfig, refuses_speeds: boo
             fewer = max(tracks.n_frames - 1, 0)
             hint = f"there are only {tracks.n_frames}; --set tracker.min_frames={fewer} takes what is in all of them"
         raise VideoError(f"{name}: no objects found in more than {least} frames; {hint}")
-    if refuses_speeds and fastest_start(tracks) > UNFIT_SPEED:
+    if refuses_speeds and fastest_start(tracks) > UNFIT_SPEED * tracks.world.scales.frame:
         raise VideoError(f"{name}: {speed_notes(tracks)[0]}. --force goes on all the same")

@@ -392,7 +392,9 @@ def test_outline_centroid_gives_the_position(shape: str, x: float, y: float) -> 
     rows, columns = np.nonzero(mask)
     centroid = np.array([[columns.mean() + 0.5, rows.mean() + 0.5]])
     box = np.array([[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]])
-    np.testing.assert_allclose(ground_location(shape, centroid, box, hidden_sides(box))[0], [x, y], atol=0.03)
+    np.testing.assert_allclose(
+        ground_location(shape, centroid, box, hidden_sides(box, CLEVRER_CAMERA))[0], [x, y], atol=0.03
+    )
 
 
 def test_the_visible_sides_give_the_position_of_an_outline_cut_by_the_border() -> None:
@@ -400,7 +402,7 @@ def test_the_visible_sides_give_the_position_of_an_outline_cut_by_the_border() -
     polygon = outline("sphere", *expected)
     centroid = np.array([[470.0, 160.0]])  # of the visible part, too far left
     box = np.array([[polygon[:, 0].min(), polygon[:, 1].min(), 480, polygon[:, 1].max()]]).round().astype(int)
-    assert abs(ground_location("sphere", centroid, box, hidden_sides(box))[0] - expected).max() < 0.05
+    assert abs(ground_location("sphere", centroid, box, hidden_sides(box, CLEVRER_CAMERA))[0] - expected).max() < 0.05
 
 
 def moving(frames, attribute: int, x0: float, speed: float, score: float = 0.99):
@@ -482,7 +484,7 @@ def test_an_object_that_enters_is_one_whatever_it_was_taken_for_at_first() -> No
     rows += [(f, RED, 0.99, (359.0, 10.0), [343, 1, 375, 24]) for f in range(14, 60)]
     video = track(as_proposals(rows, 60))
     boxes = np.array([rows[0][4], rows[14][4]])
-    places = ground_location("sphere", np.array([rows[0][3], rows[14][3]]), boxes, cut_sides(boxes))
+    places = ground_location("sphere", np.array([rows[0][3], rows[14][3]]), boxes, cut_sides(boxes, CLEVRER_CAMERA))
     assert np.hypot(*(places[0] - places[1])) > 0.35
     assert [(t.object.name, len(t.frame_index)) for t in video.tracks] == [("red rubber sphere", 60)]
 
@@ -594,10 +596,11 @@ def test_a_partly_hidden_object_is_localized_by_its_visible_sides() -> None:
     seen = whole.copy()
     seen[2] = near[0]  # the nearer object hides its right side
     boxes = np.round(np.stack([seen, near])).astype(int)
-    hidden = hidden_sides(boxes)
+    hidden = hidden_sides(boxes, CLEVRER_CAMERA)
     assert hidden[0].tolist() == [False, False, True, False]
     assert not hidden[1].any()
-    np.testing.assert_array_equal(hidden_sides(np.stack([boxes, boxes[::-1]])), [hidden, hidden_sides(boxes[::-1])])
+    both = hidden_sides(np.stack([boxes, boxes[::-1]]), CLEVRER_CAMERA)
+    np.testing.assert_array_equal(both, [hidden, hidden_sides(boxes[::-1], CLEVRER_CAMERA)])
     centroid = np.array([[(seen[0] + seen[2]) / 2, (seen[1] + seen[3]) / 2]])
     by_centroid = ground_location("cylinder", centroid, boxes[:1], np.zeros((1, 4), bool))[0]
     by_sides = ground_location("cylinder", centroid, boxes[:1], hidden[:1])[0]
@@ -605,6 +608,6 @@ def test_a_partly_hidden_object_is_localized_by_its_visible_sides() -> None:
 
 
 def test_sides_at_the_border_are_hidden() -> None:
-    assert hidden_sides(np.array([[0, 50, 30, 90]]))[0].tolist() == [True, False, False, False]
-    assert hidden_sides(np.array([[440, 280, 480, 320]]))[0].tolist() == [False, False, True, True]
-    assert hidden_sides(np.zeros((0, 4), int)).shape == (0, 4)
+    assert hidden_sides(np.array([[0, 50, 30, 90]]), CLEVRER_CAMERA)[0].tolist() == [True, False, False, False]
+    assert hidden_sides(np.array([[440, 280, 480, 320]]), CLEVRER_CAMERA)[0].tolist() == [False, False, True, True]
+    assert hidden_sides(np.zeros((0, 4), int), CLEVRER_CAMERA).shape == (0, 4)

@@ -181,9 +181,15 @@ def test_malformed_masks_are_refused(masks: Any, objects: Any, said: str) -> Non
         tracks_from_masks(masks, objects)
 
 
-def test_cameras_of_other_images_and_impossible_rates_are_refused() -> None:
-    with pytest.raises(DataError, match="expected images of 480x320"):
-        tracks_from_masks(FEW, WORDS, World(camera=Camera(width=960, height=640)))
+def test_pixels_are_those_of_the_worlds_images() -> None:
+    found = tracks_from_masks(labels(n_frames=5), WORDS, World(camera=Camera(width=960, height=640)))
+    assert_near(found, np.arange(5), 0.02)
+    assert found.tracks[0].centroid_px[0, 0] < 480 < found.tracks[1].centroid_px[0, 0]
+
+
+def test_images_of_another_aspect_ratio_and_impossible_rates_are_refused() -> None:
+    with pytest.raises(DataError, match=r"expected the aspect ratio 16:9, got 480x320; crop .* to the rows 25:295"):
+        tracks_from_masks(FEW, WORDS, World(camera=Camera(width=640, height=360)))
     for fps in (0.0, np.nan, "25"):
         with pytest.raises(DataError, match="fps: expected 1 to 1000"):
             tracks_from_masks(FEW, WORDS, fps=fps)

@@ -176,7 +176,7 @@ def test_positions_follow_from_masks_by_any_camera(shape: str, camera: Camera) -
     centroid = np.array([((x + np.roll(x, -1)) * cross).sum(), ((y + np.roll(y, -1)) * cross).sum()]) / (
         3 * cross.sum()
     )
-    (found,) = ground_location(shape, centroid[None], box, hidden_sides(box), camera)
+    (found,) = ground_location(shape, centroid[None], box, hidden_sides(box, camera), camera)
     np.testing.assert_allclose(found, [0.4, -0.6], atol=0.03)
 
 

@@ -20,7 +20,6 @@ from nsdr import (
     load,
     read_world,
     save,
-    track,
 )
 from nsdr.errors import DataError, ProgramError, QuestionError
 from nsdr.laws.judge import judge_tracks
@@ -204,8 +203,6 @@ def test_pipelines_refuse_worlds_whose_physics_they_do_not_know() -> None:
         PipelineConfig(world=heavy)
     with pytest.raises(DataError, match=r"physics\.gravity, which the judge cannot take"):
         judge_tracks(VideoTracks(5, (), heavy))
-    with pytest.raises(DataError, match=r"vocabulary\.shapes, which tracking cannot take"):
-        track(replace(proposals(), world=MINE))
     with pytest.raises(
         DataError,
         match=r"world mine: other than CLEVRER's in vocabulary\.colors, .*, timeline\.frames, which a pipeline",

@@ -15,22 +15,23 @@ from numpy.typing import NDArray
 from nsdr.tracking.visibility import cut_sides
 from nsdr.types import VideoTracks
 from nsdr.validation import FloatArray
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera, on_ground
+from nsdr.world.camera import CLEVRER_CAMERA, WIDTH_PX, Camera, on_ground
 from nsdr.world.shapes import shape_of, surface_points
-from nsdr.world.vocabulary import SHAPES, Shape
+from nsdr.world.vocabulary import Shape
 
 GRID_COLUMNS, GRID_ROWS = 15, 12
 """Number of columns and rows of the grid of object centres that the offsets are fitted on."""
 GRID_MARGIN_PX = 20
-"""Distance of the grid's left, right and bottom edges outside the image (pixels)."""
+"""Distance of the grid's left, right and bottom edges outside the image (pixels of images as wide as CLEVRER's)."""
 GRID_TOP_PX = 10
-"""Image row of the grid's top edge (pixels), where the ground is not already far away there."""
-CUBE_YAWS = 6
-"""Number of yaws between 0 and 90 degrees that a cube's outline is averaged over."""
+"""Image row of the grid's top edge (pixels of images as wide as CLEVRER's), where the ground is not already far away there."""
+YAWS = 6
+"""Number of yaws in each quarter turn that a box's outline is averaged over."""
 POLYNOMIAL_DEGREE = 3
 """Total degree of the polynomials that are fitted to the offsets."""
 CLIP_MARGIN_PX = 40
-"""Centres are clipped to this distance outside the image before the offsets are evaluated (pixels)."""
+"""Centres are clipped to this distance outside the image before the offsets are evaluated (pixels of images as wide as
+CLEVRER's)."""
 CUT_ITERATIONS = 8
 """Fixed-point iterations for the centre of a partly hidden object: the offsets of its sides depend on the centre."""
 
@@ -58,48 +59,53 @@ def _centroid(polygon: FloatArray) -> FloatArray:
     return ((polygon + following) * cross[:, None]).sum(0) / (3 * cross.sum())
 
 
-def _terms(pixels: FloatArray) -> FloatArray:
+def _terms(pixels: FloatArray, camera: Camera) -> FloatArray:
     """Polynomial terms (N, 10) of pixels (N, 2), which are centred and divided by the image size."""
-    u, v = (pixels[:, 0] - WIDTH_PX / 2) / WIDTH_PX, (pixels[:, 1] - HEIGHT_PX / 2) / HEIGHT_PX
+    width, height = camera.width, camera.height
+    u, v = (pixels[:, 0] - width / 2) / width, (pixels[:, 1] - height / 2) / height
     exponents = range(POLYNOMIAL_DEGREE + 1)
     return np.stack([u**i * v**j for i in exponents for j in exponents if i + j <= POLYNOMIAL_DEGREE], 1)
 
 
-@lru_cache(maxsize=4)
-def _calibration(camera: Camera) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Polynomial coefficients of each shape; cubes are averaged over their yaw.
+@lru_cache(maxsize=64)
+def _calibration(shape: Shape, camera: Camera) -> tuple[FloatArray, FloatArray]:
+    """Polynomial coefficients of a shape; boxes are averaged over their yaw.
 
     The first array (10, 2) gives the projected centre minus the centroid, as a function of the centroid. The second (10, 4)
     gives the sides of the bounding box (left, top, right, bottom) minus the projected centre, as a function of the centre.
     """
+    scale = camera.width / WIDTH_PX
+    margin, top = GRID_MARGIN_PX * scale, max(GRID_TOP_PX * scale, camera.far_row_px)
     columns, rows = np.meshgrid(
-        np.linspace(-GRID_MARGIN_PX, WIDTH_PX + GRID_MARGIN_PX, GRID_COLUMNS),
-        np.linspace(max(GRID_TOP_PX, camera.far_row_px), HEIGHT_PX + GRID_MARGIN_PX, GRID_ROWS),
+        np.linspace(-margin, camera.width + margin, GRID_COLUMNS), np.linspace(top, camera.height + margin, GRID_ROWS)
     )
     centres = np.stack([columns.ravel(), rows.ravel()], 1)
-    result = {}
-    for shape in SHAPES:
-        yaws = np.linspace(0, np.pi / 2, CUBE_YAWS, endpoint=False) if shape == "cube" else [0.0]
-        centroids, edges = [], []
-        for x, y in camera.ground(centres):
-            polygons = [outline(shape, x, y, yaw, camera) for yaw in yaws]
-            centroids.append(np.mean([_centroid(p) for p in polygons], 0))
-            edges.append(np.mean([[*p.min(0), *p.max(0)] for p in polygons], 0))
-        to_centre = np.linalg.lstsq(_terms(np.array(centroids)), centres - centroids, rcond=None)[0]
-        to_edges = np.linalg.lstsq(_terms(centres), np.array(edges) - np.tile(centres, 2), rcond=None)[0]
-        result[shape] = (to_centre, to_edges)
-    return result
+    is_square = shape.size_world[0] == shape.size_world[1]
+    turns = (1 if is_square else 2) if shape.solid == "box" else 0  # quarter turns after which it looks the same
+    yaws = np.linspace(0, turns * np.pi / 2, YAWS * turns, endpoint=False) if turns else [0.0]
+    centroids, edges = [], []
+    for x, y in camera.ground(centres, shape.height_world):
+        polygons = [outline(shape, x, y, yaw, camera) for yaw in yaws]
+        centroids.append(np.mean([_centroid(p) for p in polygons], 0))
+        edges.append(np.mean([[*p.min(0), *p.max(0)] for p in polygons], 0))
+    to_centre = np.linalg.lstsq(_terms(np.array(centroids), camera), centres - centroids, rcond=None)[0]
+    to_edges = np.linalg.lstsq(_terms(centres, camera), np.array(edges) - np.tile(centres, 2), rcond=None)[0]
+    return to_centre, to_edges
 
 
-def expected_size(shape: str, location_world: FloatArray, camera: Camera = CLEVRER_CAMERA) -> FloatArray:
-    """Width and height (N, 2) in pixels of the bounding boxes of objects of a shape at (x, y) (N, 2) on the ground."""
-    _, to_edges = _calibration(camera)[shape]
-    edges = _terms(camera.pixels(on_ground(location_world))) @ to_edges
+def expected_size(shape: Shape | str, location_world: FloatArray, camera: Camera = CLEVRER_CAMERA) -> FloatArray:
+    """Width and height (N, 2) in pixels of the bounding boxes of objects of a shape at (x, y) (N, 2) on the ground.
+
+    Boxes are averaged over their yaw.
+    """
+    shape = shape_of(shape)
+    _, to_edges = _calibration(shape, camera)
+    edges = _terms(camera.pixels(on_ground(location_world, shape.height_world)), camera) @ to_edges
     return edges[:, 2:] - edges[:, :2]
 
 
 def ground_location(
-    shape: str,
+    shape: Shape | str,
     centroid_px: FloatArray,
     box_xyxy_px: NDArray[Any],
     hidden: NDArray[np.bool_],
@@ -111,40 +117,43 @@ def ground_location(
     of the shape's outline there. Along an axis with both sides hidden, the centroid is used all the same.
 
     Args:
-        shape: "cube", "sphere" or "cylinder".
+        shape: a shape, or the word of one of CLEVRER's.
         centroid_px: (N, 2) mask centroids (column, row).
         box_xyxy_px: (N, 4) mask bounds.
         hidden: (N, 4) bool from `hidden_sides`.
-        camera: the camera that took the image, of 480x320 pixels.
+        camera: the camera that took the image.
 
     Returns:
         (N, 2) world (x, y) of the objects' centres; NaN where an outline lies above the horizon.
     """
-    to_centre, to_edges = _calibration(camera)[shape]
-    centroid, size = np.asarray(centroid_px, float), np.array([WIDTH_PX, HEIGHT_PX])
-    centre = centroid + _terms(centroid) @ to_centre
+    shape = shape_of(shape)
+    to_centre, to_edges = _calibration(shape, camera)
+    centroid, size = np.asarray(centroid_px, float), np.array([camera.width, camera.height])
+    margin = CLIP_MARGIN_PX * camera.width / WIDTH_PX
+    centre = centroid + _terms(centroid, camera) @ to_centre
     cut = hidden.any(1)
     box = box_xyxy_px[cut]
     low_hidden, high_hidden = hidden[cut, :2], hidden[cut, 2:]
     for _ in range(CUT_ITERATIONS if cut.any() else 0):
-        offset = _terms(np.clip(centre[cut], -CLIP_MARGIN_PX, size + CLIP_MARGIN_PX)) @ to_edges
+        offset = _terms(np.clip(centre[cut], -margin, size + margin), camera) @ to_edges
         from_high, from_low = box[:, 2:] - offset[:, 2:], box[:, :2] - offset[:, :2]
         from_sides = np.where(low_hidden, from_high, np.where(high_hidden, from_low, (from_high + from_low) / 2))
         centre[cut] = np.where(low_hidden & high_hidden, centre[cut], from_sides)
-    return camera.ground(centre)
+    return camera.ground(centre, shape.height_world)
 
 
 def size_ratio(tracks: VideoTracks) -> NDArray[np.float64] | None:
     """Width and height (2,) of objects relative to what is expected at their places; None if too little is seen whole.
 
-    Cubes do not count: how wide they look depends on how they are turned.
+    Boxes do not count: how wide they look depends on how they are turned.
     """
-    ratios = []
-    for track in (t for t in tracks.tracks if t.object.shape != "cube"):
-        whole = ~cut_sides(track.box_xyxy_px).any(1)
+    ratios, shape_of_word = [], tracks.world.vocabulary.shape
+    for track in (t for t in tracks.tracks if shape_of_word(t.object.shape).solid != "box"):
+        whole = ~cut_sides(track.box_xyxy_px, tracks.camera).any(1)
         if whole.sum() >= MIN_WHOLE_FRAMES:
             box = track.box_xyxy_px[whole].astype(float)
-            expected = expected_size(track.object.shape, track.location_world[whole], tracks.camera)
+            shape = shape_of_word(track.object.shape)
+            expected = expected_size(shape, track.location_world[whole], tracks.camera)
             ratios.append(np.quantile((box[:, 2:] - box[:, :2]) / expected, SIZE_QUANTILE, axis=0))
     return np.asarray(np.quantile(ratios, SIZE_QUANTILE, axis=0)) if len(ratios) >= MIN_WHOLE_OBJECTS else None
 

@@ -16,7 +16,7 @@ from nsdr.tracking.tracker import ground_positions, track_of
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 from nsdr.types.tracks import object_of
 from nsdr.validation import BoolArray, FloatArray, IntArray, expect
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX, check_release_size, release_scale
+from nsdr.world.camera import image_scale
 from nsdr.world.vocabulary import Vocabulary
 from nsdr.world.world import CLEVRER_WORLD, World
 
@@ -43,12 +43,12 @@ def tracks_from_masks(
             to the world's frames; below, each frame is moved to the nearest of them, and the others have no detection.
 
     Returns:
-        Tracks of the objects, in their order, with frames at the world's rate and pixels of the image scaled to 480x320. A
-        note says where masks above the horizon were left out.
+        Tracks of the objects, in their order, with frames at the world's rate and pixels of the image scaled to the size of
+        the world's. A note says where masks above the horizon were left out.
 
     Raises:
         DataError: masks of another form, masks that overlap or are never there, words that no object has or that two have,
-            or an image of another aspect ratio than 3:2; names the place and the remedy.
+            or an image of another aspect ratio than the world's, such as CLEVRER's 3:2; names the place and the remedy.
     """
     found, vocabulary, rate = _objects_of(objects, world.vocabulary), world.vocabulary, world.timeline.fps
     fps = rate if fps is None else fps
@@ -56,14 +56,13 @@ def tracks_from_masks(
     rate_fits = isinstance(fps, int | float) and RATES[0] <= fps <= RATES[1]
     expect(rate_fits, "fps", f"{RATES[0]:g} to {RATES[1]:g} frames per second", fps)
     try:
-        check_release_size(world.camera)
-        scale = release_scale(size[1], size[0])
+        scale = image_scale((size[1], size[0]), image := (world.camera.width, world.camera.height))
     except ValueError as e:
         raise DataError(str(e)) from e
     frame_index, index, numbers = _measured(images, len(found), size[0])
     attributes = np.array([vocabulary.index(o.color, o.material, o.shape) for o in found])
     known = n_frames, frame_index, attributes[index], np.ones(len(index))
-    seen = VideoProposals(*known, *_scaled(numbers, scale), world=world)
+    seen = VideoProposals(*known, *_scaled(numbers, scale, image), world=world)
     positions = ground_positions(seen, np.arange(len(seen)))
     on_ground = np.isfinite(positions).all(1)
     tracks = []
@@ -212,10 +211,10 @@ def _measured(images: Images, n_objects: int, height: int) -> tuple[IntArray, In
     return np.concatenate(frames), np.concatenate(objects), MaskNumbers(*columns)
 
 
-def _scaled(numbers: MaskNumbers, scale: NDArray[np.floating[Any]]) -> MaskNumbers:
-    """Numbers of masks, in pixels of 480x320."""
+def _scaled(numbers: MaskNumbers, scale: NDArray[np.floating[Any]], size_px: tuple[int, int]) -> MaskNumbers:
+    """Numbers of masks, in pixels of an image of the width and height `size_px`."""
     box = np.rint(numbers.box_xyxy_px * np.tile(scale, 2)).astype(np.int64)
-    low = np.minimum(box[:, :2], (WIDTH_PX - 1, HEIGHT_PX - 1))
+    low = np.minimum(box[:, :2], (size_px[0] - 1, size_px[1] - 1))
     high = np.maximum(box[:, 2:], low + 1)
     area = np.maximum(np.rint(numbers.area_px * scale.prod()), 1).astype(np.int64)
     return MaskNumbers(numbers.centroid_px * scale, area, np.concatenate([low, high], 1))

@@ -3,26 +3,25 @@
 import numpy as np
 
 from nsdr.types import Track, VideoTracks
-from nsdr.world.physics_constants import FRAME_SECONDS, START_SPEED_RANGE_WORLD_PER_S
 
 FIRST_FRAMES, BORDER_FRAMES = 4, 2
 """A first speed is measured between detections `FIRST_FRAMES` apart, skipping the first `BORDER_FRAMES`: at the border, places
 are off."""
 DOUBTFUL_SPEED, UNFIT_SPEED = 0.125, 0.22
-"""A first speed above the first value is noted, one above the second is refused (world units per frame). Of the 8,664 scenes
-of `train`, an object seems faster than `DOUBTFUL_SPEED` in 6 scenes, than `UNFIT_SPEED` in none. With every second frame left
-out, one seems faster than `DOUBTFUL_SPEED` in 92 % of 1,444 scenes."""
+"""A first speed above the first value is noted, one above the second is refused (world units per frame of CLEVRER's; in
+other worlds times `Scales.frame`). Of the 8,664 scenes of `train`, an object seems faster than `DOUBTFUL_SPEED` in 6 scenes,
+than `UNFIT_SPEED` in none. With every second frame left out, one seems faster than `DOUBTFUL_SPEED` in 92 % of 1,444 scenes."""
 
 
 def speed_notes(tracks: VideoTracks) -> tuple[str, ...]:
     """A note if an object starts too fast for the frame rate: frames are missing, or the rate is wrong."""
-    fastest = fastest_start(tracks)
-    if fastest <= DOUBTFUL_SPEED:
+    fastest, world = fastest_start(tracks), tracks.world
+    if fastest <= DOUBTFUL_SPEED * world.scales.frame:
         return ()
-    times = fastest / (START_SPEED_RANGE_WORLD_PER_S[1] * FRAME_SECONDS)
+    times = fastest / (world.physics.start_speed_world_per_s[1] * world.physics.frame_seconds)
     return (
-        f"objects move by {fastest:.2f} world units from frame to frame, {times:.1f} times as far as CLEVRER's fastest: frames "
-        "are missing, or the frame rate is wrong, and collisions are missed; --fps gives the right one (in Python, "
+        f"objects move by {fastest:.2f} world units from frame to frame, {times:.1f} times as far as {world.name}'s fastest: "
+        "frames are missing, or the frame rate is wrong, and collisions are missed; --fps gives the right one (in Python, "
         "VideoConfig.fps)",
     )
 

@@ -1,6 +1,6 @@
-"""Tracks of frames that were taken at other times than a video at 25 frames a second says.
+"""Tracks of frames that were taken at other times than a video at its world's frame rate says.
 
-A slot is a frame of a video at 25 frames per second.
+A slot is a frame of a video at that rate, in CLEVRER 25 frames per second.
 """
 
 from dataclasses import replace

@@ -16,13 +16,14 @@ from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 from nsdr.validation import Count, IntArray, Settings, Share
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import differing_words
-from nsdr.world.world import CLEVRER_WORLD, World, check_as_clevrer
+from nsdr.world.world import CLEVRER_WORLD, Scales, World
 
 PROPOSAL_SCORE = 0.9
 """The paper's threshold for proposals: those with a score up to this are ignored (0-1)."""
 GATE_WORLD, GATE_WORLD_PER_FRAME = 0.25, 0.1
 """Largest distance between a proposal and a tracklet's predicted position, and its growth with each frame since the
-tracklet's last proposal (world units, world units per frame). Objects move by up to 0.1 per frame."""
+tracklet's last proposal (world units, world units per frame). CLEVRER's objects move by up to 0.1 per frame. In other worlds
+these and other distances grow with `World.scales`, as numbers of frames do with the frame rate."""
 MISMATCH_WORLD = 0.12
 """Matching cost of each differing attribute word, as a distance (world units)."""
 MAX_GAP_FRAMES = 8
@@ -43,8 +44,9 @@ LATE_SHARE = 0.6
 `TrackerConfig.min_frames`."""
 DUPLICATE_WORLD, DUPLICATE_SHARE = 0.25, 0.33
 """A track is dropped that is nearer than this to a longer one, or to an equally long and surer one, in this share of its
-frames: centres of two objects are at least 0.4 apart (world units). Set on `train`, whose missing and spurious objects
-`python -m benchmarks.objects` counts: 51 and 9 of 42,745. Smaller values keep more spurious ones, larger ones drop objects."""
+frames: centres of two of CLEVRER's objects are at least 0.4 apart (world units). Set on `train`, whose missing and spurious
+objects `python -m benchmarks.objects` counts: 51 and 9 of 42,745. Smaller values keep more spurious ones, larger ones drop
+objects."""
 SAME_IOU = 0.5
 """Boxes of two consecutive frames with at least this intersection over union can belong to one object however far apart its
 positions on the ground are: near the border and far away, positions have larger errors than objects move."""
@@ -111,12 +113,14 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     Differs from the paper: the paper matches by the attribute label alone and keeps identities of more than ten frames. Here,
     a tracklet outvotes wrong labels of single frames, and objects that enter in the last frames are kept.
     """
-    c, processed, vocabulary = config or TrackerConfig(), proposals.processed, proposals.world.vocabulary
+    c, processed, world = config or TrackerConfig(), proposals.processed, proposals.world
+    min_frames = c.min_frames * world.scales.rate
     spacing = 1.0 if processed is None or len(processed) < 2 else float(np.median(np.diff(processed)))
     notes = [*proposals.notes]
-    if spacing > DOUBTFUL_SPACING_FRAMES:
+    doubtful = DOUBTFUL_SPACING_FRAMES * world.scales.rate
+    if spacing > doubtful:
         notes.append(
-            f"one frame in {spacing:g} (of 25 per second) was processed: above {DOUBTFUL_SPACING_FRAMES}, collisions are "
+            f"one frame in {spacing:g} (of {world.timeline.fps} per second) was processed: above {doubtful:g}, collisions are "
             "missed and misplaced; lower the stride (`--set stride=N`), or use a video with more frames per second"
         )
     kept = np.flatnonzero(proposals.score > c.score)
@@ -126,14 +130,15 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     parts = [part for rows in linked for part in _cut_at_switches(proposals, rows, spacing)]
     tracks = []
     for attribute, rows in _identities(proposals, parts).items():
-        seen_often = len(rows) * spacing > c.min_frames and len(rows) >= min(MIN_SAMPLES, spacing)
-        if seen_often or _enters_late(proposals, rows, c.min_frames, spacing):
-            tracks.append(track_of(SceneObject(0, *vocabulary.triple(attribute)), proposals, rows, positions))
+        seen_often = len(rows) * spacing > min_frames and len(rows) >= min(MIN_SAMPLES, spacing)
+        if seen_often or _enters_late(proposals, rows, min_frames, spacing):
+            tracks.append(track_of(SceneObject(0, *world.vocabulary.triple(attribute)), proposals, rows, positions))
     tracks.sort(key=lambda t: (len(t.frame_index), float(t.score.sum())), reverse=True)
-    tracks = [t for k, t in enumerate(tracks) if not any(_share_place(t, better) for better in tracks[:k])]
+    near = DUPLICATE_WORLD * world.scales.size
+    tracks = [t for k, t in enumerate(tracks) if not any(_share_place(t, better, near) for better in tracks[:k])]
     tracks.sort(key=lambda t: (int(t.frame_index[0]), t.object.name))
     numbered = [replace(t, object=replace(t.object, id=i)) for i, t in enumerate(tracks)]
-    return VideoTracks(proposals.n_frames, tuple(numbered), proposals.world, tuple(notes))
+    return VideoTracks(proposals.n_frames, tuple(numbered), world, tuple(notes))
 
 
 def _iou(boxes: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
@@ -144,31 +149,31 @@ def _iou(boxes: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
     return shared / np.maximum(area[:, None] + other_area - shared, 1)
 
 
-def _gate_world(gap: Any) -> Any:
-    return GATE_WORLD + gap * GATE_WORLD_PER_FRAME
+def _gate_world(gap: Any, scales: Scales) -> Any:
+    return GATE_WORLD * scales.size + gap * (GATE_WORLD_PER_FRAME * scales.frame)
 
 
-def _max_gap_frames(spacing: float) -> int:
-    return max(MAX_GAP_FRAMES, math.ceil(spacing * (MAX_MISSED_SAMPLES + 1)))
+def _max_gap_frames(spacing: float, scales: Scales) -> float:
+    return max(MAX_GAP_FRAMES * scales.rate, math.ceil(spacing * (MAX_MISSED_SAMPLES + 1)))
 
 
-def _enters_late(proposals: VideoProposals, rows: list[int], min_frames: int, spacing: float) -> bool:
+def _enters_late(proposals: VideoProposals, rows: list[int], min_frames: float, spacing: float) -> bool:
     """Whether the rows show an object that entered at the border too late for `min_frames` frames and has not left."""
     frames = proposals.frame_index[rows]
     frames_left = proposals.n_frames - int(frames[0])
     return (
-        bool(cut_sides(proposals.box_xyxy_px[rows]).any())
+        bool(cut_sides(proposals.box_xyxy_px[rows], proposals.world.camera).any())
         and int(frames[-1]) >= proposals.n_frames - math.ceil(spacing) - 1
-        and frames_left <= min_frames + _max_gap_frames(spacing)
+        and frames_left <= min_frames + _max_gap_frames(spacing, proposals.world.scales)
         and len(rows) * spacing >= LATE_SHARE * frames_left
     )
 
 
-def _share_place(t: Track, other: Track) -> bool:
+def _share_place(t: Track, other: Track, near_world: float) -> bool:
     """Whether a track is the same object as one of at least as many detections: two objects cannot share a place."""
     frames, known = t.frame_index, other.frame_index
     place = [np.interp(frames, known, axis, left=np.nan, right=np.nan) for axis in other.location_world.T]
-    near = np.hypot(*(t.location_world.T - place)) < DUPLICATE_WORLD
+    near = np.hypot(*(t.location_world.T - place)) < near_world
     return bool(near.mean() >= DUPLICATE_SHARE)
 
 
@@ -182,28 +187,28 @@ def track_of(
 
 def ground_positions(proposals: VideoProposals, kept: NDArray[Any]) -> NDArray[Any]:
     """(N, 2) ground positions of all rows (world units); NaN above the horizon, and for rows that are not in `kept`."""
-    free = ("vocabulary.colors", "vocabulary.materials", "physics.", "timeline.", "camera.")
-    check_as_clevrer(proposals.world, "tracking", free)
     positions = np.full((len(proposals), 2), np.nan)
     if not len(kept):
         return positions
-    frames = proposals.frame_index[kept]
+    frames, camera = proposals.frame_index[kept], proposals.world.camera
     starts = np.flatnonzero(np.diff(frames, prepend=-1))
-    hidden = np.concatenate([hidden_sides(proposals.box_xyxy_px[rows]) for rows in np.split(kept, starts[1:])])
-    words = proposals.world.vocabulary.words["shape"]
-    shapes = proposals.attribute[kept] % len(words)
-    for index, shape in enumerate(words):
-        rows = kept[shapes == index]
-        seen = proposals.centroid_px[rows], proposals.box_xyxy_px[rows], hidden[shapes == index]
-        positions[rows] = ground_location(shape, *seen, proposals.world.camera)
+    boxes = (proposals.box_xyxy_px[rows] for rows in np.split(kept, starts[1:]))
+    hidden = np.concatenate([hidden_sides(of_frame, camera) for of_frame in boxes])
+    shapes = proposals.world.vocabulary.shapes
+    index = proposals.attribute[kept] % len(shapes)
+    for number, shape in enumerate(shapes):
+        rows = kept[index == number]
+        seen = proposals.centroid_px[rows], proposals.box_xyxy_px[rows], hidden[index == number]
+        positions[rows] = ground_location(shape, *seen, camera)
     return positions
 
 
 def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any], spacing: float) -> list[_Tracklet]:
     """Link the kept rows frame by frame; returns all tracklets."""
-    max_gap, memory = _max_gap_frames(spacing), VELOCITY_MEMORY**spacing
+    scales = proposals.world.scales
+    max_gap, memory = _max_gap_frames(spacing, scales), VELOCITY_MEMORY**spacing
     # Positions are predicted as much worse as the gate is wider; words are read as well as ever.
-    mismatch_world = MISMATCH_WORLD * _gate_world(spacing) / _gate_world(1)
+    mismatch_world = MISMATCH_WORLD * scales.size * _gate_world(spacing, scales) / _gate_world(1, scales)
     words = np.array(proposals.world.vocabulary.triples)[proposals.attribute]
     rows_by_frame = defaultdict(list)
     for row in kept.tolist():
@@ -218,9 +223,9 @@ def _link(proposals: VideoProposals, kept: NDArray[Any], positions: NDArray[Any]
         predicted = np.array([p.position + n * p.velocity for p, n in zip(active, gap, strict=True)]).reshape(-1, 2)
         distance = np.hypot(*np.moveaxis(positions[rows][:, None] - predicted, 2, 0))
         overlaps = (gap == 1) & (_iou(proposals.box_xyxy_px[rows], proposals.box_xyxy_px[last]) >= SAME_IOU)
-        may_be_same = (distance <= _gate_world(gap)) | (overlaps & np.isfinite(distance))
+        may_be_same = (distance <= _gate_world(gap, scales)) | (overlaps & np.isfinite(distance))
         differing = (words[rows][:, None] != words[last]).sum(2)
-        cost = np.minimum(distance, _gate_world(gap)) + mismatch_world * differing
+        cost = np.minimum(distance, _gate_world(gap, scales)) + mismatch_world * differing
         cost[~may_be_same] = NO_MATCH_COST
         chosen_rows, chosen_tracklets = linear_sum_assignment(cost)
         matched = set()
@@ -237,7 +242,7 @@ def _cut_at_switches(proposals: VideoProposals, rows: list[int], spacing: float)
     """A tracklet's rows, cut where it goes over from one object to another, as where one hides another at the border."""
     attributes, triples = proposals.attribute[rows], proposals.world.vocabulary.triples
     values, counts = np.unique(attributes, return_counts=True)
-    enough = math.ceil(SWITCH_FRAMES / spacing)
+    enough = math.ceil(SWITCH_FRAMES * proposals.world.scales.rate / spacing)
     often = values[counts >= enough].tolist()
     best, cut = 0, 0
     for before in often:
@@ -286,12 +291,13 @@ def detected_attributes(found: Track, proposals: VideoProposals) -> NDArray[np.i
 
 
 def existence(tracks: VideoTracks) -> NDArray[np.float64]:
-    """Probability that each object (n,) exists: 1 except for cubes and cylinders with few detections at the video's end."""
+    """Probability that each object (n,) exists: 1 except for boxes and cylinders with few detections at the video's end."""
+    shape_of = tracks.world.vocabulary.shape
     last = max((int(t.frame_index[-1]) for t in tracks.tracks), default=0)
     found = np.ones(len(tracks.tracks))
     for i, t in enumerate(tracks.tracks):
         n, is_late = len(t.frame_index), int(t.frame_index[-1]) == last and t.frame_index[0] > 0
-        if is_late and n <= LATE_DETECTIONS and t.object.shape != "sphere":
+        if is_late and n <= LATE_DETECTIONS and shape_of(t.object.shape).solid != "sphere":
             found[i] -= 0.5**n
     return found
 
@@ -316,7 +322,8 @@ def tracks_from_annotation(annotation: Mapping[str, Any], world: World = CLEVRER
             row = next((o for o in frame["objects"] if o["object_id"] == properties["object_id"]), None)
             if row is None or not row["inside_camera_view"]:
                 continue
-            outline = camera.pixels(surface_points(words[2], row["orientation"][2]) + np.array(row["location"]))
+            points = surface_points(world.vocabulary.shape(words[2]), row["orientation"][2])
+            outline = camera.pixels(points + np.array(row["location"]))
             low, high = np.clip(np.floor(outline.min(0)), 0, size), np.clip(np.ceil(outline.max(0)), 0, size)
             if np.isfinite(outline).all() and (high > low).all():
                 seen.append(f)

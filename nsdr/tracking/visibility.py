@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nsdr.validation import BoolArray, FloatArray
-from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX, Camera
+from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.shapes import extent, shape_of
 from nsdr.world.vocabulary import Shape
 
@@ -47,15 +47,15 @@ def in_image(
     return np.asarray(reaches & (camera.depth(location_world) > MIN_DEPTH_RADII * radius))
 
 
-def cut_sides(box_xyxy_px: NDArray[Any]) -> BoolArray:
-    """Which sides of boxes (..., 4) may be cut by the image border: (..., 4) bool for left, top, right, bottom."""
+def cut_sides(box_xyxy_px: NDArray[Any], camera: Camera) -> BoolArray:
+    """Which sides of boxes (..., 4) the border of a camera's images may cut: (..., 4) bool for left, top, right, bottom."""
     box = np.asarray(box_xyxy_px, float)
-    inside = np.concatenate([box[..., :2], np.array([WIDTH_PX, HEIGHT_PX]) - box[..., 2:]], -1)
+    inside = np.concatenate([box[..., :2], np.array([camera.width, camera.height]) - box[..., 2:]], -1)
     with np.errstate(invalid="ignore"):
         return np.asarray(inside < CUT_MARGIN_PX)
 
 
-def hidden_sides(box_xyxy_px: NDArray[Any]) -> BoolArray:
+def hidden_sides(box_xyxy_px: NDArray[Any], camera: Camera) -> BoolArray:
     """Which sides of the boxes of each frame are hidden: not a side of the object itself.
 
     A side is hidden when the image border cuts it, or when it lies inside the box of a nearer object. Of two objects, the
@@ -63,6 +63,7 @@ def hidden_sides(box_xyxy_px: NDArray[Any]) -> BoolArray:
 
     Args:
         box_xyxy_px: (..., N, 4) mask bounds of all objects in a frame; rows of NaN stand for objects that were not detected.
+        camera: the camera that took the images.
 
     Returns:
         (..., N, 4) bool: left, top, right, bottom.
@@ -82,4 +83,4 @@ def hidden_sides(box_xyxy_px: NDArray[Any]) -> BoolArray:
         bottom = below & (y0[other] - TOUCH_PX <= y1[mine])
         top = covers & (y0[other] <= y0[mine])
     hidden = np.stack([side.any(-1) for side in (left, top, right, bottom)], -1)
-    return np.asarray(hidden | cut_sides(box))
+    return np.asarray(hidden | cut_sides(box, camera))

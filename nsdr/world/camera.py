@@ -7,6 +7,7 @@ World: z up, x towards the camera, y to the right of the image; object centres a
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -112,7 +113,7 @@ class Camera:
         from scipy.optimize import least_squares
 
         seen, places = _checked_points(pixels, world_points)
-        seen = seen * release_scale(*size_px)
+        seen = seen * image_scale(size_px, (WIDTH_PX, HEIGHT_PX))
         starts = list(_rolled_cameras(seen, places))
         if not starts:
             raise ValueError(
@@ -225,24 +226,26 @@ def check_release_size(camera: Camera) -> None:
         raise ValueError(f"camera: expected images of {WIDTH_PX}x{HEIGHT_PX}, got {camera.width}x{camera.height}")
 
 
-def release_scale(width: int, height: int) -> FloatArray:
-    """What columns and rows of an image are multiplied with (2,) when it is scaled to 480x320.
+def image_scale(given_px: tuple[int, int], wanted_px: tuple[int, int]) -> FloatArray:
+    """What columns and rows of an image are multiplied with (2,) when it is scaled; both sizes are width and height.
 
     Raises:
         ValueError: the image has another aspect ratio; says how to crop it.
     """
+    (width, height), (to_width, to_height) = given_px, wanted_px
     if width <= 0 or height <= 0:
         raise ValueError(f"image: expected a width and height above 0, got {width}x{height}")
-    if abs(height * WIDTH_PX / width - HEIGHT_PX) > 1:
-        wide = width * HEIGHT_PX > height * WIDTH_PX
-        kept = round(height * WIDTH_PX / HEIGHT_PX) if wide else round(width * HEIGHT_PX / WIDTH_PX)
+    if abs(height * to_width / width - to_height) > 1:
+        wide = width * to_height > height * to_width
+        kept = round(height * to_width / to_height) if wide else round(width * to_height / to_width)
+        ratio = str(Fraction(to_width, to_height)).replace("/", ":")
         first = ((width if wide else height) - kept) // 2
         part, axis = f"{first}:{first + kept}", "columns" if wide else "rows"
         raise ValueError(
-            f"image: expected the aspect ratio 3:2, got {width}x{height}; crop frames and masks to the {axis} {part}, and "
+            f"image: expected the aspect ratio {ratio}, got {width}x{height}; crop frames and masks to the {axis} {part}, and "
             f"subtract {first} from the {axis} of clicked points"
         )
-    return np.array([WIDTH_PX / width, HEIGHT_PX / height])
+    return np.array([to_width / width, to_height / height])
 
 
 def _checked_points(pixels: ArrayLike, world_points: ArrayLike) -> tuple[FloatArray, FloatArray]:

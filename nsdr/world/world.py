@@ -28,6 +28,7 @@ class Scales(NamedTuple):
         frame: distance at the fastest start from one frame to the next.
         px: width of images.
         gravity: its acceleration.
+        rate: frames per second.
     """
 
     size: float
@@ -36,6 +37,7 @@ class Scales(NamedTuple):
     frame: float
     px: float
     gravity: float
+    rate: float
 
 
 @dataclass(frozen=True)
@@ -114,11 +116,11 @@ def _differing(name: str, mine: Any, others: Any) -> list[str]:
 
 
 def _measures(world: World) -> tuple[float, ...]:
-    """What the fields of `Scales` compare (world units, world units/s, pixels, world units/s²)."""
+    """What the fields of `Scales` compare (world units, world units/s, pixels, world units/s², 1/s)."""
     width = min(width for shape in world.vocabulary.shapes for width in shape.size_world[:2])
     physics, fastest = world.physics, world.physics.start_speed_world_per_s[1]
     step, frame = fastest * physics.step_seconds, fastest * physics.frame_seconds
-    return width, fastest, step, frame, world.camera.width, physics.gravity
+    return width, fastest, step, frame, world.camera.width, physics.gravity, world.timeline.fps
 
 
 CLEVRER_WORLD = World()

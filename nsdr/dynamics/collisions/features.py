@@ -79,7 +79,7 @@ def arrays_from_states(states: MotionStates) -> MotionArrays:
     """Make the (n, F, ...) arrays of a video from its motion states."""
     box, location = states.box_px, states.location_world
     corners = np.where(states.detected[..., None], states.box_xyxy_px, np.nan)
-    hidden = hidden_sides(corners.transpose(1, 0, 2)).transpose(1, 0, 2)
+    hidden = hidden_sides(corners.transpose(1, 0, 2), states.camera).transpose(1, 0, 2)
     expected = np.ones_like(location)
     for i, o in enumerate(states.objects):
         expected[i] = expected_size(o.shape, location[i], states.camera)

@@ -54,8 +54,8 @@ class LawfulScene:
                 outline = CLEVRER_CAMERA.pixels(surface_points(o.shape, float(yaw[f])) + location[f])
                 boxes[o.id, f] = *outline.min(0), *outline.max(0)
         seen = np.isfinite(boxes).all(-1)
-        self.whole: BoolArray = seen & ~cut_sides(boxes).any(-1)
-        self.unhidden: BoolArray = seen & ~hidden_sides(boxes.transpose(1, 0, 2)).any(-1).T
+        self.whole: BoolArray = seen & ~cut_sides(boxes, CLEVRER_CAMERA).any(-1)
+        self.unhidden: BoolArray = seen & ~hidden_sides(boxes.transpose(1, 0, 2), CLEVRER_CAMERA).any(-1).T
         self.clear = self.unhidden.copy()
         for contact in motion.contacts:
             start = max(contact.frame - CALM_FRAMES, 0)
