@@ -35,11 +35,22 @@ from nsdr.generate.violations import ViolationsConfig
 from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
 from nsdr.io.worlds import world_in
+from nsdr.laws.evidence import evidence_of
+from nsdr.laws.judge import judge_tracks
 from nsdr.symbolic.quantities import Quantities
 from nsdr.tracking.localization import size_notes
 from nsdr.tracking.speeds import speed_notes
 from nsdr.tracking.tracker import existence, track
-from nsdr.types import DynamicsPrediction, ObjectPhysics, Rollout, Scene, SceneObject, VideoProposals
+from nsdr.types import (
+    DynamicsPrediction,
+    ObjectPhysics,
+    Rollout,
+    Scene,
+    SceneObject,
+    Track,
+    VideoProposals,
+    VideoTracks,
+)
 from nsdr.world.camera import Camera
 from nsdr.world.layout import Layout
 from nsdr.world.look import Lamp, Look
@@ -382,3 +393,40 @@ def test_networks_of_motion_know_how_wide_and_fast_objects_are() -> None:
     assert float(inputs.objects[0, 0, 30]) == pytest.approx(step / (0.05 * 45 / 28), abs=1e-4)
     network = PropNet(PropNetConfig(8), DISCS)
     assert [radius * network.length_world for radius in network.radii] == pytest.approx([0.25, 0.15, 0.225])
+
+
+def true_tracks(bodies: list[Body], world: World = DISCS, frames: int = 50) -> VideoTracks:
+    """Tracks of bodies that Bullet moves in `DISCS`, while their middle is in the image, said to be of a world."""
+    motion, tracks, camera = run(bodies, frames), [], DISCS.camera
+    for i, (one, places) in enumerate(zip(bodies, motion.location_world, strict=True)):
+        shape, middle = DISCS.vocabulary.shape(one.shape), camera.pixels(places)
+        seen = np.flatnonzero(((middle > 0) & (middle < (camera.width, camera.height))).all(1))
+        outlines = [camera.pixels(surface_points(shape, motion.orientation[i, f, 2]) + places[f]) for f in seen]
+        boxes = np.array([[*outline.min(0), *outline.max(0)] for outline in outlines])
+        box = np.clip(boxes.round(), 0, (camera.width, camera.height) * 2).astype(np.int64)
+        words = SceneObject(i, DISCS.vocabulary.words["color"][i], one.material, one.shape)
+        tracks.append(Track(words, seen, places[seen, :2], middle[seen], box, np.ones(len(seen))))
+    return VideoTracks(frames, tuple(tracks), world)
+
+
+@pytest.mark.parametrize("material", ["wood", "steel"])
+def test_the_judge_knows_the_laws_of_a_world(material) -> None:
+    def judged(world: World) -> list[str]:
+        hits = [body(DISC, -1.2, 2.8, material), body(COIN, 0.0, material=material), body(BRICK, 0.0, y=-1.2)]
+        return [e.law for e in evidence_of(true_tracks(hits, world))]
+
+    assert judged(DISCS) == []
+    rough = [replace(one, friction=4 * one.friction) for one in DISCS.vocabulary.materials]
+    vocabulary = replace(DISCS.vocabulary, materials=tuple(rough))
+    assert "friction" in judged(replace(DISCS, vocabulary=vocabulary))
+
+
+def test_the_judge_finds_what_breaks_the_laws_of_a_world() -> None:
+    lawful = true_tracks([body(DISC, -1.0, 2.5), body(COIN, 1.0, y=-1.0)])
+    assert judge_tracks(lawful).violations == ()
+    first, second = lawful.tracks
+    place = first.location_world.copy()
+    place[12:, 1] += 0.06 * np.arange(len(place) - 12)
+    (found,) = judge_tracks(replace(lawful, tracks=(replace(first, location_world=place), second))).violations
+    assert (found.law, found.objects) == ("inertia", (0,))
+    assert abs(found.frame - first.frame_index[12]) <= 1
