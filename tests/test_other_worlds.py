@@ -375,7 +375,7 @@ def test_networks_of_motion_say_their_world_and_refuse_others(tmp_path, part, ne
         DataError, match=r"weights are of the world discs; the world discs has other physics\.gravity: giv"
     ):
         again.check_world(heavy)
-    with pytest.raises(DataError, match=r"weights are of the world clevrer; .*vocabulary\.materials\.word.*physics"):
+    with pytest.raises(DataError, match=r"weights are of the world CLEVRER; .*vocabulary\.materials\.word.*physics"):
         part(network(CLEVRER_WORLD)).check_world(DISCS)
 
 

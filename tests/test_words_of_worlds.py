@@ -140,7 +140,7 @@ def _clevrer_kinds(listed: Sequence[SceneQuestions]) -> list[SceneQuestions]:
 
 def test_questions_of_two_worlds_are_not_mixed(root: Path, tmp_path: Path, capsys, example_scene) -> None:
     (scene, _), *_ = asked(root)
-    with pytest.raises(DataError, match="worlds discs, clevrer, which have different words"):
+    with pytest.raises(DataError, match="worlds discs, CLEVRER, which have different words"):
         world_of([scene, example_scene])
     assert main(["generate", "questions", "--scenes", str(root / "truth"), "--output", str(tmp_path / "q.json")]) == 0
     with pytest.raises(DataError, match="expected 0 to 32, yes, no or an attribute word"):

@@ -196,4 +196,4 @@ def main(argv: Sequence[str] | None = None) -> str:
     """Train from command-line arguments; returns the folder of the finished checkpoint."""
     config = parse_training(CollisionTraining, argv, "collisions")
     task = CollisionTask(config)
-    return train_part("collisions", task, config, config.model, stored_world(task.world), world=task.world)
+    return train_part("collisions", task, config, config.model, stored_world(task.world))

@@ -150,6 +150,6 @@ def main(argv: Sequence[str] | None = None) -> str:
     task = kinds[config.network](config)
     details = {"network": config.network, **stored_world(task.world)}
     if config.network == "propnet":
-        return train_part("dynamics", task, config, config.model, details, None, mean_with, task.world)
+        return train_part("dynamics", task, config, config.model, details, mean_with=mean_with)
     inputs = {"scenes": [len(task.data), len(task.held_out)]}
-    return train_part("dynamics", task, config, config.patches, details, inputs, mean_with, task.world)
+    return train_part("dynamics", task, config, config.patches, details, inputs, mean_with)
