@@ -18,6 +18,7 @@ from nsdr.cli.main import main
 from nsdr.dynamics import StoredExplanation, simulate
 from nsdr.pipeline import Perception
 from nsdr.types import DynamicsPrediction, Rollout
+from nsdr.world.world import CLEVRER_WORLD
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 NEXT = "What will happen next?"
@@ -54,11 +55,13 @@ def test_the_tools_say_what_they_take(server) -> None:
 
     instructions, tools = anyio.run(go)
     assert "clips/a.mp4" in instructions
+    assert "Objects are 0.4 world units wide, such as the red metal cube, and start with up to 3 " in instructions
     assert sorted(tool.name for tool in tools) == TOOLS
     simulate = next(tool for tool in tools if tool.name == "simulate")
     change = simulate.input_schema["$defs"]["Change"]
     assert change["properties"]["kind"]["enum"] == ["remove", "set_mass", "set_velocity", "move", "freeze", "add"]
-    assert "a frame is 0.028 s" in change["description"]  # not 1/25 s
+    assert "of which a frame is 0.028 s" in instructions  # not 1/25 s
+    assert "simulated time" in change["description"]
 
 
 def test_seeing_and_asking(server) -> None:
@@ -173,7 +176,7 @@ def test_cancelled_calls_do_not_run(folder, small_scene) -> None:
         assert may_end.wait(60)
         return Perception(None, None, None, small_scene)
 
-    pipeline: Any = SimpleNamespace(perceive=perceive)
+    pipeline: Any = SimpleNamespace(perceive=perceive, world=CLEVRER_WORLD)
     server = make_server(pipeline, folder)
 
     async def go() -> None:

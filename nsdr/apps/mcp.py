@@ -16,12 +16,14 @@ from nsdr.pipeline import Pipeline
 from nsdr.symbolic import format_tree
 from nsdr.types import Add, Event, Freeze, Move, Remove, SceneObject, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention, intervention_text
+from nsdr.world.world import World
 
-INSTRUCTIONS = """Tools that look at short videos of colliding objects (CLEVRER), answer questions about them, predict what
+INSTRUCTIONS = """Tools that look at short videos of colliding objects ({name}), answer questions about them, predict what
 comes next, and simulate what would happen if something were different. Videos are named by their path in one folder.
-Frames count from 0, 25 a second. Perceiving a video takes a few seconds the first time. Events are "in", "out" and "collision";
-the probability of a collision is null where it is not known. "notes" say what makes a result doubtful, and how a question was
-read."""
+Frames count from 0, {fps} a second. Perceiving a video takes a few seconds the first time. Events are "in", "out" and
+"collision"; the probability of a collision is null where it is not known. "notes" say what makes a result doubtful, and how a
+question was read. Objects are {width} world units wide, such as the {example}, and start with up to {speed:g} world units per
+second of simulated time, of which a frame is {seconds:g} s."""
 KINDS = {"remove": Remove, "set_mass": SetMass, "set_velocity": SetVelocity, "move": Move, "freeze": Freeze, "add": Add}
 VIDEOS_NAMED = 20
 """Videos that a message names."""
@@ -37,8 +39,8 @@ class Change:
     - move: `object`, and `x` and `y`, or `dx` and `dy`
     - add: `color`, `material`, `shape`, `x`, `y`; optional `vx`, `vy`, `yaw` (radians), `mass`
 
-    x points towards the camera, y to the right of the image. Lengths are world units (an object is 0.4 wide), speeds world
-    units per second of simulated time, of which a frame is 0.028 s (objects start with up to 3).
+    x points towards the camera, y to the right of the image. Lengths are world units, speeds world units per second of
+    simulated time; the server's instructions say how wide and fast objects are.
     """
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 (the SDK's name for it)
@@ -184,6 +186,19 @@ def _event(event: Event, objects: Sequence[SceneObject], known: Mapping[Event, f
     return {"kind": event.kind, "frame": event.frame, "objects": names, "probability": probability}
 
 
+def instructions_for(world: World) -> str:
+    """`INSTRUCTIONS` with the numbers of a world."""
+    widths = sorted({f"{2 * shape.half_width_world:g}" for shape in world.vocabulary.shapes}, key=float)
+    return INSTRUCTIONS.format(
+        name=world.name,
+        fps=world.timeline.fps,
+        width=" to ".join(widths[:: max(len(widths) - 1, 1)]),
+        example=world.vocabulary.example,
+        speed=world.physics.start_speed_world_per_s[1],
+        seconds=world.physics.frame_seconds,
+    )
+
+
 def make_server(pipeline: Pipeline, folder: str | Path) -> Any:
     """The server with the tools `perceive`, `ask`, `run_program` and `simulate`, an `MCPServer` of the SDK.
 
@@ -202,7 +217,7 @@ def make_server(pipeline: Pipeline, folder: str | Path) -> Any:
     except ImportError as e:
         raise DataError("agents need the official SDK: pip install 'nsdr[mcp]'") from e
     tools, one = AgentTools(pipeline, folder), anyio.CapacityLimiter(1)
-    named = f"{INSTRUCTIONS}\nVideos: {', '.join(tools.videos()[:VIDEOS_NAMED]) or 'none'}"
+    named = f"{instructions_for(pipeline.world)}\nVideos: {', '.join(tools.videos()[:VIDEOS_NAMED]) or 'none'}"
 
     def tool(function: Callable[..., Any]) -> Tool:
         """The tool of a function. Its errors are messages for the agent, and it refuses arguments that it does not know.
