@@ -30,7 +30,7 @@ from nsdr.io.stages import stage
 from nsdr.io.storage import load
 from nsdr.laws.judge import judge_proposals, judge_tracks
 from nsdr.perception import Perception, check_tracks
-from nsdr.pipeline_config import PipelineConfig, check_perceivable, load_parts, pipeline_settings, settings_of
+from nsdr.pipeline_config import PipelineConfig, check_weights, load_parts, pipeline_settings, settings_of
 from nsdr.question_parser.base import Parser, read_programs
 from nsdr.symbolic import Executor
 from nsdr.symbolic.program import ProgramSource
@@ -70,13 +70,14 @@ class Pipeline:
         question_parser: `parse(text, kind) -> Program`.
         tracker: thresholds of the tracker.
         video: what is expected of videos; None for CLEVRER's.
-        world: what the videos are of: CLEVRER's, or one that differs from it in its camera.
+        world: what the videos are of. The weights of the parts are of this world, or of one that differs in nothing that they
+            depend on.
 
     Attributes:
         progress: whether stderr shows the stage and how far it is; False at first.
 
     Raises:
-        DataError: a part that is given or assigned lacks its method, or a world that cannot be perceived; names it.
+        DataError: a part that is given or assigned lacks its method, or has weights of another world; says what differs.
     """
 
     def __init__(
@@ -93,7 +94,8 @@ class Pipeline:
         self.question_parser = question_parser
         self.tracker = tracker or TrackerConfig()
         self.video = video or VideoConfig()
-        check_perceivable(world)
+        for name in PARTS:
+            check_weights(getattr(self, name), world)
         self.world = world
         self.progress = False
         self._kept: OrderedDict[str, tuple[tuple[Any, ...], Perception]] = OrderedDict()

@@ -36,8 +36,7 @@ from nsdr.question_parser.base import Parser
 from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser, load_parser
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
-from nsdr.world.camera import check_release_size
-from nsdr.world.world import CLEVRER_WORLD, World, check_as_clevrer
+from nsdr.world.world import CLEVRER_WORLD, World
 
 if TYPE_CHECKING:  # it loads torch, and settings are checked without it
     from nsdr.frame_parser.parser import FrameParser
@@ -56,7 +55,7 @@ class PipelineConfig(Settings):
         precision: number format of the frame parser's convolutions: "float32", "bfloat16", or "auto" for bfloat16 where a CPU
             multiplies matrices of it (AMX), else float32.
         video: what is expected of videos, and how many frames of them are processed.
-        world: what the videos are of; with images of 480x320.
+        world: what the videos are of; the weights of all parts have to be of a world that differs only in what they may.
         tracker: thresholds of the tracker.
         dynamics: the dynamics backend and its settings.
         question_parser: "grammar", "network" (the paper's), or the address of a server with a language model, such as
@@ -77,7 +76,6 @@ class PipelineConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_parser(self.question_parser, self.extensions)
-        check_perceivable(self.world)
 
     def fingerprint(self, checkpoint: str | Path, *made: str) -> str:
         """Of everything that perception depends on but its input: these settings, weights, and versions of the stages.
@@ -172,12 +170,6 @@ def check_weights(part: object, world: World) -> None:
     for one in (part, getattr(part, "backend", None), getattr(part, "detector", None)):
         if isinstance(one, PretrainedPart):
             one.check_world(world)
-
-
-def check_perceivable(world: World) -> None:
-    """Raise `DataError` unless the parts of a pipeline know a world: CLEVRER's with any camera, as yet."""
-    check_as_clevrer(world, "a pipeline", ("camera.",))
-    check_release_size(world.camera)
 
 
 def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> tuple["FrameParser", Dynamics, Parser]:

@@ -167,7 +167,7 @@ def test_compact_files_hold_large_images_and_vocabularies(tmp_path) -> None:
 
 
 def test_true_masks_give_true_tracks(folder) -> None:
-    """The medians of the errors of eight videos each are 0.0038 world units in CLEVRER, 0.0011 in pucks, 0.0057 in blocks."""
+    """Medians of the errors of eight videos each are 0.0038 world units in CLEVRER, 0.0011 in pucks and 0.0057 in blocks."""
     errors = []
     for video in (0, 1):
         found = track(read_proposals(folder / f"derender_proposals/proposal_{video:05d}.json"))

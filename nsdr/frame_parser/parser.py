@@ -79,16 +79,22 @@ class FrameParser(PretrainedPart[nn.Module]):
         self._prepared: tuple[Any, Detector] | None = None
 
     def check_world(self, world: World) -> None:
-        """Raise `DataError` if the network was trained on other words than the world's; names those that differ."""
+        """Raise `DataError` if the network was trained on other words or images than the world's; says what differs."""
         if not isinstance(self.model, FrameParserNetwork):
             return
+        remedy = "give the weights of this world, or train them (`nsdr train frame-parser`)"
+        trained, own = (f"{one.camera.width}x{one.camera.height}" for one in (self.trained_for, world))
+        if trained != own:
+            raise DataError(
+                f"the frame parser was trained on images of {trained}; those of the world {world.name} have {own}: {remedy}"
+            )
         for (name, known), words in zip(
             self.trained_for.vocabulary.words.items(), world.vocabulary.words.values(), strict=True
         ):
             if words != known:
                 raise DataError(
                     f"the frame parser was trained on the {name} words {', '.join(known)}; the world {world.name} has "
-                    f"{', '.join(words)}: give the weights of this world, or train them (`nsdr train frame-parser`)"
+                    f"{', '.join(words)}: {remedy}"
                 )
 
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
