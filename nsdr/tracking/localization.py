@@ -80,8 +80,7 @@ def _calibration(shape: Shape, camera: Camera) -> tuple[FloatArray, FloatArray]:
         np.linspace(-margin, camera.width + margin, GRID_COLUMNS), np.linspace(top, camera.height + margin, GRID_ROWS)
     )
     centres = np.stack([columns.ravel(), rows.ravel()], 1)
-    is_square = shape.size_world[0] == shape.size_world[1]
-    turns = (1 if is_square else 2) if shape.solid == "box" else 0  # quarter turns after which it looks the same
+    turns = (1 if shape.is_square else 2) if shape.solid == "box" else 0  # quarter turns after which it looks the same
     yaws = np.linspace(0, turns * np.pi / 2, YAWS * turns, endpoint=False) if turns else [0.0]
     centroids, edges = [], []
     for x, y in camera.ground(centres, shape.height_world):
@@ -110,6 +109,7 @@ def ground_location(
     box_xyxy_px: NDArray[Any],
     hidden: NDArray[np.bool_],
     camera: Camera = CLEVRER_CAMERA,
+    stretch: FloatArray | None = None,
 ) -> FloatArray:
     """Ground-plane positions of objects of one shape.
 
@@ -122,6 +122,8 @@ def ground_location(
         box_xyxy_px: (N, 4) mask bounds.
         hidden: (N, 4) bool from `hidden_sides`.
         camera: the camera that took the image.
+        stretch: (N, 4) distances of the outline's sides from the centre, as multiples of those of the shape's mean outline;
+            None for 1.
 
     Returns:
         (N, 2) world (x, y) of the objects' centres; NaN where an outline lies above the horizon.
@@ -133,13 +135,41 @@ def ground_location(
     centre = centroid + _terms(centroid, camera) @ to_centre
     cut = hidden.any(1)
     box = box_xyxy_px[cut]
+    times = 1.0 if stretch is None else stretch[cut]
     low_hidden, high_hidden = hidden[cut, :2], hidden[cut, 2:]
     for _ in range(CUT_ITERATIONS if cut.any() else 0):
-        offset = _terms(np.clip(centre[cut], -margin, size + margin), camera) @ to_edges
+        offset = _terms(np.clip(centre[cut], -margin, size + margin), camera) @ to_edges * times
         from_high, from_low = box[:, 2:] - offset[:, 2:], box[:, :2] - offset[:, :2]
         from_sides = np.where(low_hidden, from_high, np.where(high_hidden, from_low, (from_high + from_low) / 2))
         centre[cut] = np.where(low_hidden & high_hidden, centre[cut], from_sides)
     return camera.ground(centre, shape.height_world)
+
+
+def turned_location(
+    shape: Shape,
+    frame_index: NDArray[Any],
+    centroid_px: FloatArray,
+    box_xyxy_px: NDArray[Any],
+    hidden: NDArray[np.bool_],
+    camera: Camera,
+) -> FloatArray:
+    """Ground-plane positions (T, 2) of one object of a shape whose outline depends on how it is turned.
+
+    Where sides are hidden, the outline is taken from the frames before and after in which the object is seen whole.
+
+    Args:
+        shape: a box that is longer than wide.
+        frame_index: (T,) ascending frames.
+        centroid_px, box_xyxy_px, hidden, camera: see `ground_location`.
+    """
+    seen = centroid_px, box_xyxy_px, hidden, camera
+    location, whole = ground_location(shape, *seen), ~hidden.any(1)
+    if not whole.any() or whole.all():
+        return location
+    centre = camera.pixels(on_ground(location[whole], shape.height_world))
+    stretch = (box_xyxy_px[whole] - np.tile(centre, 2)) / (_terms(centre, camera) @ _calibration(shape, camera)[1])
+    stretch = np.stack([np.interp(frame_index, frame_index[whole], side) for side in stretch.T], 1)
+    return ground_location(shape, *seen, stretch)
 
 
 def size_ratio(tracks: VideoTracks) -> NDArray[np.float64] | None:

@@ -12,7 +12,7 @@ from nsdr.errors import DataError
 from nsdr.io.decoding import RATE_TOLERANCE, RATES
 from nsdr.io.limits import check_limit
 from nsdr.tracking.times import first_of, on_time
-from nsdr.tracking.tracker import ground_positions, track_of
+from nsdr.tracking.tracker import ground_positions, hidden_rows, track_of
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 from nsdr.types.tracks import object_of
 from nsdr.validation import BoolArray, FloatArray, IntArray, expect
@@ -63,7 +63,8 @@ def tracks_from_masks(
     attributes = np.array([vocabulary.index(o.color, o.material, o.shape) for o in found])
     known = n_frames, frame_index, attributes[index], np.ones(len(index))
     seen = VideoProposals(*known, *_scaled(numbers, scale, image), world=world)
-    positions = ground_positions(seen, np.arange(len(seen)))
+    hidden = hidden_rows(seen, np.arange(len(seen)))
+    positions = ground_positions(seen, np.arange(len(seen)), hidden)
     on_ground = np.isfinite(positions).all(1)
     tracks = []
     for o in found:
@@ -72,7 +73,7 @@ def tracks_from_masks(
             wrong = "lies above the horizon; is the camera right?" if (index == o.id).any() else "is empty"
             remedy = f"give its masks, or leave out object {o.id}"
             raise DataError(f"masks: object {o.id}, {o.name}: its mask in all frames {wrong}; {remedy}")
-        tracks.append(track_of(o, seen, rows, positions))
+        tracks.append(track_of(o, seen, rows, positions, hidden))
     notes = _horizon_notes(len(np.unique(frame_index[~on_ground])))
     if abs(fps - rate) > RATE_TOLERANCE:
         step = rate / fps

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from nsdr.tracking.localization import ground_location
+from nsdr.tracking.localization import ground_location, turned_location
 from nsdr.tracking.visibility import cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
-from nsdr.validation import Count, IntArray, Settings, Share
+from nsdr.validation import BoolArray, Count, IntArray, Settings, Share
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import differing_words
 from nsdr.world.world import CLEVRER_WORLD, Scales, World
@@ -124,7 +124,8 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
             "missed and misplaced; lower the stride (`--set stride=N`), or use a video with more frames per second"
         )
     kept = np.flatnonzero(proposals.score > c.score)
-    positions = ground_positions(proposals, kept)
+    hidden = hidden_rows(proposals, kept)
+    positions = ground_positions(proposals, kept, hidden)
     kept = kept[np.isfinite(positions[kept]).all(1)]  # nothing stands above the horizon
     linked = [tracklet.rows for tracklet in _link(proposals, kept, positions, spacing)]
     parts = [part for rows in linked for part in _cut_at_switches(proposals, rows, spacing)]
@@ -132,7 +133,9 @@ def track(proposals: VideoProposals, config: TrackerConfig | None = None) -> Vid
     for attribute, rows in _identities(proposals, parts).items():
         seen_often = len(rows) * spacing > min_frames and len(rows) >= min(MIN_SAMPLES, spacing)
         if seen_often or _enters_late(proposals, rows, min_frames, spacing):
-            tracks.append(track_of(SceneObject(0, *world.vocabulary.triple(attribute)), proposals, rows, positions))
+            tracks.append(
+                track_of(SceneObject(0, *world.vocabulary.triple(attribute)), proposals, rows, positions, hidden)
+            )
     tracks.sort(key=lambda t: (len(t.frame_index), float(t.score.sum())), reverse=True)
     near = DUPLICATE_WORLD * world.scales.size
     tracks = [t for k, t in enumerate(tracks) if not any(_share_place(t, better, near) for better in tracks[:k])]
@@ -178,28 +181,41 @@ def _share_place(t: Track, other: Track, near_world: float) -> bool:
 
 
 def track_of(
-    scene_object: SceneObject, proposals: VideoProposals, rows: Sequence[int] | IntArray, positions: NDArray[Any]
+    scene_object: SceneObject,
+    proposals: VideoProposals,
+    rows: Sequence[int] | IntArray,
+    positions: NDArray[Any],
+    hidden: BoolArray,
 ) -> Track:
-    """The track of an object that is seen in these rows of the proposals; `positions` (N, 2) are those of all rows."""
-    measured = (getattr(proposals, name)[rows] for name in ("centroid_px", "box_xyxy_px", "score"))
-    return Track(scene_object, proposals.frame_index[rows], positions[rows], *measured)
+    """The track of an object that is seen in these rows of the proposals; `positions` (N, 2) and `hidden` (N, 4) are those of
+    all rows."""
+    frames, location, world = proposals.frame_index[rows], positions[rows], proposals.world
+    centroid, box, score = (getattr(proposals, name)[rows] for name in ("centroid_px", "box_xyxy_px", "score"))
+    shape = world.vocabulary.shape(scene_object.shape)
+    if not shape.is_square:
+        turned = turned_location(shape, frames, centroid, box, hidden[rows], world.camera)
+        location = np.where(np.isfinite(turned), turned, location)
+    return Track(scene_object, frames, location, centroid, box, score)
 
 
-def ground_positions(proposals: VideoProposals, kept: NDArray[Any]) -> NDArray[Any]:
+def hidden_rows(proposals: VideoProposals, kept: NDArray[Any]) -> BoolArray:
+    """(N, 4) which sides are hidden of the rows in `kept`, see `hidden_sides`."""
+    hidden = np.zeros((len(proposals), 4), bool)
+    starts = np.flatnonzero(np.diff(proposals.frame_index[kept], prepend=-1))
+    for rows in np.split(kept, starts[1:]):
+        hidden[rows] = hidden_sides(proposals.box_xyxy_px[rows], proposals.world.camera)
+    return hidden
+
+
+def ground_positions(proposals: VideoProposals, kept: NDArray[Any], hidden: BoolArray) -> NDArray[Any]:
     """(N, 2) ground positions of all rows (world units); NaN above the horizon, and for rows that are not in `kept`."""
     positions = np.full((len(proposals), 2), np.nan)
-    if not len(kept):
-        return positions
-    frames, camera = proposals.frame_index[kept], proposals.world.camera
-    starts = np.flatnonzero(np.diff(frames, prepend=-1))
-    boxes = (proposals.box_xyxy_px[rows] for rows in np.split(kept, starts[1:]))
-    hidden = np.concatenate([hidden_sides(of_frame, camera) for of_frame in boxes])
     shapes = proposals.world.vocabulary.shapes
     index = proposals.attribute[kept] % len(shapes)
     for number, shape in enumerate(shapes):
         rows = kept[index == number]
-        seen = proposals.centroid_px[rows], proposals.box_xyxy_px[rows], hidden[index == number]
-        positions[rows] = ground_location(shape, *seen, camera)
+        seen = proposals.centroid_px[rows], proposals.box_xyxy_px[rows], hidden[rows]
+        positions[rows] = ground_location(shape, *seen, proposals.world.camera)
     return positions
 
 

@@ -117,6 +117,11 @@ class Shape(Checked):
         return max(self.size_world[:2]) / 2
 
     @property
+    def is_square(self) -> bool:
+        """Whether it is as long along x as along y: boxes that are not look the same only after half a turn."""
+        return self.size_world[0] == self.size_world[1]
+
+    @property
     def radius_world(self) -> float:
         """The radius of a sphere or cylinder, and the mean of a box's halves along x and y (world units)."""
         x, y, _ = self.size_world
