@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.seeing import FAMILIES, FRAMEWORKS, changes
+from benchmarks.seeing import FAMILIES, FRAMEWORKS, changes, exports
 from nsdr import Scene, load, save
 from nsdr.clevrer import prompt, read_questions, solution
 from nsdr.clevrer.example import QUESTIONS, TRUTH
-from nsdr.rewards import answer_format, evidence, exact, per_option
+from nsdr.rewards import SWIFT, answer_format, evidence, exact, per_option
 
 pytestmark = [pytest.mark.rl, pytest.mark.filterwarnings("ignore")]
 
@@ -54,6 +54,34 @@ def test_the_loss_sees_the_video(name: str, family: str) -> None:
     found = changes(name, family)
     assert found["again"] == 0
     assert (min(found["blanked"], found["exchanged"]) > 1e-3) == (not name.endswith("blind"))
+
+
+@needs("verl")
+def test_verl_finds_and_calls_the_reward(tmp_path: Path) -> None:
+    from datasets import load_dataset
+    from verl.utils.import_utils import load_extern_object
+
+    path = exports(tmp_path, "verl")["video"] / "train.parquet"
+    row = load_dataset("parquet", data_files=str(path), cache_dir=str(tmp_path / "cache"))["train"][0]
+    compute_score = load_extern_object("pkg://nsdr.rewards", "verl")
+    truth = {"ground_truth": row["reward_model"]["ground_truth"], "extra_info": row["extra_info"]}
+    for text, score in (("<think>?</think><answer>red</answer>", 1), ("<answer>blue</answer>", 0)):
+        assert compute_score(data_source=row["data_source"], solution_str=text, **truth)["score"] == score
+
+
+@needs("swift")
+def test_swift_registers_and_calls_the_reward(tmp_path: Path) -> None:
+    from swift.dataset import load_dataset
+    from swift.rewards import orms
+
+    orms.update(SWIFT)
+    rows, _ = load_dataset(
+        [str(exports(tmp_path, "swift")["video"] / "train.jsonl")],
+        load_from_cache_file=False,
+        remove_unused_columns=False,
+    )
+    columns = {name: [rows[0][name]] for name in ("solution", "options")}
+    assert orms["clevrer_exact"](args=None)(["<answer>red</answer>"], **columns) == [1]
 
 
 @needs("trl")
