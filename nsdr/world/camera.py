@@ -220,12 +220,6 @@ CLEVRER_CAMERA = Camera()
 """The camera of every released video."""
 
 
-def check_release_size(camera: Camera) -> None:
-    """Raise `ValueError` unless a camera's images have the size of the released ones, to which all videos are scaled."""
-    if (camera.width, camera.height) != (WIDTH_PX, HEIGHT_PX):
-        raise ValueError(f"camera: expected images of {WIDTH_PX}x{HEIGHT_PX}, got {camera.width}x{camera.height}")
-
-
 def image_scale(given_px: tuple[int, int], wanted_px: tuple[int, int]) -> FloatArray:
     """What columns and rows of an image are multiplied with (2,) when it is scaled; both sizes are width and height.
 
