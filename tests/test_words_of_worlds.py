@@ -26,6 +26,7 @@ from nsdr.errors import DataError
 from nsdr.evaluation import EvaluationConfig, run_evaluation
 from nsdr.evaluation.responses import score_responses
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
+from nsdr.generate.export.formats import FORMATS, Sample
 from nsdr.generate.questions.candidates import EXTENSION_KINDS
 from nsdr.generate.questions.selection import QuestionConfig, world_of
 from nsdr.io.reading import read_json
@@ -162,6 +163,8 @@ def test_prompts_have_examples_in_the_words_and_are_passed_over_in_responses() -
     assert text.endswith("such as <answer>amber</answer>.")
     assert "<answer>amber ceramic loaf</answer>" in prompt(Question(0, "?", "descriptive", "faster"), words)
     assert read_response(text, vocabulary=words).answer is None
+    (asked, _) = FORMATS["chat"].row(Sample(said, "train", 0, "video.mp4", vocabulary=words))["messages"]
+    assert asked["content"][1]["text"] == text
     assert "red" not in text
 
 

@@ -25,6 +25,7 @@ from nsdr.errors import DataError, NsdrError
 from nsdr.generate.dataset import Files
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.video import even_frames, write_video
+from nsdr.io.worlds import stored_world
 from nsdr.symbolic import Executor
 from nsdr.world.vocabulary import DIRECTIONS
 
@@ -72,6 +73,7 @@ def write_pairs(
         counts = {split: len(written.get(split, ())) for split in SPLITS}
         splits = {split: (indices.start, indices.start + counts[split]) for split, indices in SPLITS.items()}
         manifest = {"splits": splits, "kinds": ["videos", "questions"], "n_frames": data.manifest["n_frames"]}
+        manifest |= stored_world(data.world)
         write_json(folder / "manifest.json", manifest, indent=1)
     return written
 
