@@ -391,6 +391,8 @@ def test_networks_of_motion_say_their_world_and_refuse_others(tmp_path, part, ne
     part(network(DISCS)).save_pretrained(tmp_path)
     again = part.from_checkpoint(tmp_path)
     assert again.trained_for == DISCS
+    if part is TrackCollisionDetector:
+        assert [event.objects for event, _ in again.collision_candidates(discs_states())] == [(0, 1)]
     words = replace(DISCS.vocabulary, colors=(Color("pink", (255, 150, 180)), *DISCS.vocabulary.colors[:2]))
     again.check_world(replace(DISCS, vocabulary=words, look=Look()))
     heavy = replace(DISCS, physics=replace(DISCS.physics, gravity=9.0))

@@ -80,12 +80,11 @@ def arrays_from_states(states: MotionStates) -> MotionArrays:
     box, location = states.box_px, states.location_world
     corners = np.where(states.detected[..., None], states.box_xyxy_px, np.nan)
     hidden = hidden_sides(corners.transpose(1, 0, 2), states.camera).transpose(1, 0, 2)
-    expected = np.ones_like(location)
+    expected, vocabulary = np.ones_like(location), states.world.vocabulary
     for i, o in enumerate(states.objects):
-        expected[i] = expected_size(o.shape, location[i], states.camera)
+        expected[i] = expected_size(vocabulary.shape(o.shape), location[i], states.camera)
     with np.errstate(invalid="ignore"):
         size = np.nan_to_num(np.log(np.maximum(box[..., 2:], 1.0) / np.maximum(expected, 1.0)))
-    vocabulary = states.world.vocabulary
     static, radius = object_features(states.objects, vocabulary), radii(states.objects, vocabulary)
     flags = states.detected, states.reliable, states.present
     return MotionArrays(location, *flags, hidden & states.detected[..., None], box, size, static, radius)
