@@ -171,13 +171,17 @@ def program(options: Any) -> int:
         return _run(options)
     refuse_idle(options, ("semantics", "collisions", "trace"), " without --run")
 
+    from nsdr.io.checkpoint import find_checkpoint, world_of_checkpoint
     from nsdr.question_parser.loading import GRAMMAR, NETWORK, load_parser
     from nsdr.question_parser.suggestions import QUESTION_KINDS, nearest_questions
+    from nsdr.world.vocabulary import CLEVRER
 
     name = options.question_parser or GRAMMAR
+    vocabulary = world_of_checkpoint(find_checkpoint(options.checkpoint)).vocabulary
     if name != NETWORK:
-        refuse_idle(options, ("checkpoint", "device"), f" with the question parser {name}")
-    parser = load_parser(name, options.checkpoint, options.extensions, options.device)
+        idle = ("checkpoint", "device") if vocabulary == CLEVRER else ("device",)
+        refuse_idle(options, idle, f" with the question parser {name}")
+    parser = load_parser(name, options.checkpoint, options.extensions, options.device, vocabulary)
     kinds = ["multiple_choice", "descriptive", "choice"] if options.kind == "auto" else [options.kind]
     errors = []
     for kind in kinds:
@@ -193,7 +197,9 @@ def program(options: Any) -> int:
     suggested = QUESTION_KINDS if options.kind == "auto" else [options.kind]
     longest = max(errors, key=lambda e: len(str(e)))  # says what is understood as some kind
     what = "options" if options.kind == "choice" else "questions"
-    raise QuestionError(str(longest), nearest_questions(options.text, None, *suggested), what) from longest
+    raise QuestionError(
+        str(longest), nearest_questions(options.text, None, *suggested, vocabulary=vocabulary), what
+    ) from longest
 
 
 def _run(options: Any) -> int:
