@@ -112,10 +112,10 @@ def test_the_worked_example_of_another_camera_runs(tmp_path: Path, monkeypatch) 
     monkeypatch.chdir(tmp_path)
     for name in ("configs", "checkpoints"):
         (tmp_path / name).symlink_to(ROOT / name)
-    page = (ROOT / "docs/other_cameras.md").read_text(encoding="utf-8").partition("## A worked example")[2]
+    page = (ROOT / "docs/own_benchmark.md").read_text(encoding="utf-8").partition("## A worked example")[2]
     for language, block in re.findall(r"^```(\w*)\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL):
         if language == "python":
-            exec(compile(block, "other_cameras.md", "exec"), {})
+            exec(compile(block, "own_benchmark.md", "exec"), {})
             continue
         for command in block.replace("\\\n", " ").splitlines():
             if command.startswith("nsdr"):
@@ -124,3 +124,34 @@ def test_the_worked_example_of_another_camera_runs(tmp_path: Path, monkeypatch) 
             elif not command.startswith("pip"):
                 subprocess.run(command, shell=True, check=True)
     assert json.loads(Path("scene.json").read_text())
+
+
+TINY = {
+    "--videos 600": "--videos 3 --workers 1",
+    "--videos 100": "--videos 1 --workers 1",
+    "--config second": "--config second --loop.steps 2 --loop.warmup-steps 0 --loop.batch-size 2 --evaluation-frames 2",
+    "--config collisions": "--config collisions --loop.steps 2 --loop.warmup-steps 0 --loop.batch-size 2",
+    "--config default": "--config default --loop.steps 2 --loop.warmup-steps 0 --evaluation-texts 2",
+    "--source": "--keep-going --source",
+}
+"""What makes the commands of a benchmark's guide short."""
+
+
+@pytest.mark.robustness
+@pytest.mark.filterwarnings("default")
+def test_a_benchmark_is_made_as_the_guide_says(tmp_path: Path, monkeypatch) -> None:
+    """With shorter videos, few of them, and two steps of training."""
+    monkeypatch.chdir(tmp_path)
+    world = (ROOT / "configs/worlds/pucks.yaml").read_text().replace("frames: 100", "frames: 40")
+    (tmp_path / "mine.yaml").write_text(world)
+    page = (ROOT / "docs/own_benchmark.md").read_text().partition("## From the file to a leaderboard")[2]
+    made = page.partition("```\n")[2].partition("```")[0].splitlines()[1:]
+    assert len(made) == 9
+    for command in made:
+        for long, short in TINY.items():
+            command = command.replace(long, short)
+        assert main(shlex.split(command)[1:]) == 0, command
+    assert json.loads(Path("mine/report_proposals.json").read_text())["questions"]
+    (video,) = Path("mine/test/videos").rglob("*.mp4")
+    assert main(["answer", str(video), "How many pucks are there?", "--checkpoint", "mine/weights"]) == 0
+    assert main(["program", "Are there any wooden chips?", "--checkpoint", "mine/weights"]) == 0

@@ -107,7 +107,7 @@ def check_video(path: VideoSource, config: VideoConfig | None = None, world: Wor
         raise VideoError(
             f"{path}: not a video of {world.name}'s scene: {'; '.join(found.refused)}. Expected: its ground, lamps and "
             f"camera, upright, in colour, {size}. --force goes on all the same (in Python, VideoConfig(check='warn')); "
-            "the documentation's page 'Other cameras, lamps and objects' is about other scenes"
+            "the documentation's page 'Make your own benchmark' is about other scenes"
         )
     return found
 
