@@ -273,6 +273,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("frameworks", nargs="+", choices=FRAMEWORKS)
     parser.add_argument("-o", "--output", required=True)
     options = parser.parse_args(arguments)
+    os.environ.setdefault("HF_HUB_OFFLINE", "1")
     rows = []
     for name in options.frameworks:
         versions = {package: version(package) for package in (FRAMEWORKS[name][0], "transformers", "torch")}
@@ -283,5 +284,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("HF_HUB_OFFLINE", "1")
     main()

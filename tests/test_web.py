@@ -40,7 +40,7 @@ class FakePipeline:
     def __init__(self, scene: Scene) -> None:
         self.scene, self.perceived, self.inside, self.together = scene, 0, 0, False
         self.frame_parser = SimpleNamespace(parse=self._parse)
-        self.video = VideoConfig()
+        self.video, self.world = VideoConfig(), scene.world
 
     def frames(self, path: Path, note: Callable[[str], object]) -> Any:
         note(f"too dark: {path.name}")

@@ -12,7 +12,7 @@ from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.clevrer.answers.responses import read_response
 from nsdr.errors import DataError
 from nsdr.evaluation.measures import accuracy_interval
-from nsdr.io.reading import read_json
+from nsdr.io.reading import is_json_lines, parse_json, read_json, read_json_bytes
 from nsdr.validation import convert
 
 _VIDEO = re.compile(r"video_(\d{5})\.mp4\Z")
@@ -29,7 +29,8 @@ class CandidateQuestion(TypedDict):
 
 def is_candidate_file(path: str | Path) -> bool:
     """Whether a question file has the benchmarks' layout: rows with `candidates`."""
-    content = read_json(path)
+    data = read_json_bytes(path)
+    content = None if is_json_lines(data) else parse_json(data, str(path))
     return isinstance(content, list) and bool(content) and isinstance(content[0], dict) and "candidates" in content[0]
 
 

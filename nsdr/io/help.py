@@ -30,7 +30,9 @@ def written(kind: Any) -> str:
     if origin is Annotated:
         return _annotated(*arguments)
     if origin in (Union, UnionType):
-        return "|".join(dict.fromkeys(written(option) for option in arguments if option is not NoneType))
+        named = str in arguments  # settings that a text may name
+        options = [a for a in arguments if a is not NoneType and not (named and is_dataclass(a))]
+        return "|".join(dict.fromkeys(map(written, options)))
     if origin is Literal:
         return "|".join("null" if word is None else str(word) for word in arguments if word != "")
     if kind is bool:
@@ -93,13 +95,15 @@ def formatted_help(parser: Any, needed: Sequence[str], groups: Mapping[str, Sequ
         more: names of options that are listed without a description.
     """
     actions = [a for a in parser._actions if a.help != argparse.SUPPRESS and a.dest not in more]
-    sections = {a.dest.split(".")[0]: None for a in actions if "." in a.dest or _is_section(a)}
+    named = {a.dest for a in actions if str in get_args(getattr(a, "_typehint", None))}  # settings that a text may name
+    of_sections = (a.dest.split(".")[0] for a in actions if "." in a.dest or _is_section(a))
+    sections = {name: None for name in of_sections if name not in named}
     shown = [a for a in actions if "." not in a.dest and (a.dest not in sections or _may_be_none(a))]
-    named = {name for names in groups.values() for name in names}
+    grouped = {name for names in groups.values() for name in names}
     options = {a.dest for a in parser._actions if a.option_strings}
     rows = {
         "arguments": [a for a in shown if not a.option_strings],
-        "options": [a for a in shown if a.option_strings and a.dest not in named],
+        "options": [a for a in shown if a.option_strings and a.dest not in grouped],
         **{title: [a for a in shown if a.option_strings and a.dest in names] for title, names in groups.items()},
     }
     usage = [_value(a) for a in rows["arguments"]]

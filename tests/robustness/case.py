@@ -72,7 +72,7 @@ WRONG: dict[str, Sequence[Any]] = {
     "number": ("x", None, True, [], {}, *NUMBERS),
     "share": ("x", None, True, [], {}, -0.1, 1.5, *NUMBERS),
     "word": (5, None, [], {}, True, *WORDS),
-    "answer": (17, 1.5, [], {}, *WORDS, *NUMBERS),
+    "answer": (33, 1.5, [], {}, *WORDS, *NUMBERS),
     "judgement": (5, None, [], {}, *WORDS),
     "given": (1.5, [], {}, *NUMBERS),
     "text": (5, None, [], {}, True),

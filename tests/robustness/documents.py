@@ -111,7 +111,7 @@ CHANGES: dict[str, dict[str, Change]] = {
         "no question": replaced(0, "questions", []),
         "no choice": replaced(0, "questions", 1, "choices", []),
         "choices of a descriptive question": lambda d: d[0]["questions"][0].update(choices=d[0]["questions"][1]["choices"]),
-        "number as answer": replaced(0, "questions", 0, "answer", "17"),
+        "number as answer": replaced(0, "questions", 0, "answer", "33"),
         "text too long": replaced(0, "questions", 0, "question", "a " * 100_000),
         "control characters": replaced(0, "questions", 0, "question", "How many\x00 collisions happen?"),
         "lone surrogate": replaced(0, "questions", 0, "question", "\ud800"),
