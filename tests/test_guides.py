@@ -151,7 +151,7 @@ def test_a_benchmark_is_made_as_the_guide_says(tmp_path: Path, monkeypatch) -> N
         for long, short in TINY.items():
             command = command.replace(long, short)
         assert main(shlex.split(command)[1:]) == 0, command
-    assert json.loads(Path("mine/report_proposals.json").read_text())["questions"]
+    assert json.loads(Path("mine/report_proposals.json").read_text())["descriptive"]
     (video,) = Path("mine/test/videos").rglob("*.mp4")
     assert main(["answer", str(video), "How many pucks are there?", "--checkpoint", "mine/weights"]) == 0
     assert main(["program", "Are there any wooden chips?", "--checkpoint", "mine/weights"]) == 0
