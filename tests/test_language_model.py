@@ -310,10 +310,10 @@ def test_nothing_imports_the_client_unless_asked() -> None:
     [
         (["--question-parser", "zebra"], "expected grammar, network, or a server's address"),
         (
-            ["--question-parser", "http://localhost:1/v1", "--checkpoint", "mine"],
+            ["--question-parser", "http://localhost:1/v1", "--checkpoint", "propnet_patches"],
             "--checkpoint would do nothing with the",
         ),
-        (["--checkpoint", "mine"], "--checkpoint would do nothing with the question parser grammar"),
+        (["--checkpoint", "propnet_patches"], "--checkpoint would do nothing with the question parser grammar"),
     ],
 )
 def test_options_are_checked(arguments, reason, capsys) -> None:

@@ -17,6 +17,8 @@ from nsdr.errors import DataError
 from nsdr.io.help import expected, formatted_help
 from nsdr.io.reading import read_yaml
 from nsdr.io.shipped import find_config
+from nsdr.validation import convert
+from nsdr.world.world import World
 
 T = TypeVar("T")
 MISSING, WRONG = "the following arguments are required: ", re.compile(r'(?:Parser key "|argument --)([\w.-]+)')
@@ -71,7 +73,9 @@ class OptionParser(jsonargparse.ArgumentParser):
         kind, default = getattr(actions[known], "_typehint", None) or actions[known].type, actions[known].default
         # Fields of a section that may be null are no actions.
         for name in key.removeprefix(known).split(".")[1:]:
-            section = next(k for k in (kind, *get_args(kind)) if is_dataclass(k))
+            section = next((k for k in (kind, *get_args(kind)) if is_dataclass(k)), None)
+            if section is None:  # a list of sections
+                break
             kind, default = get_type_hints(section, include_extras=True)[name], None
         words = [str(word) for word in actions[known].choices or () if word != ""]
         wanted, got = (
@@ -163,6 +167,9 @@ def parse_config(
         values.pop("config")
         return kind(**values)
     except UNUSABLE as e:
+        for file in files:  # jsonargparse names a list, but not what is wrong in it
+            if isinstance(world := read_yaml(file).get("world"), Mapping):
+                convert(world, World, f"{file}: world: ")
         if isinstance(e, jsonargparse.ArgumentError) and (wrong := e.argument_name):
             names = [a.partition("=")[0] for a in given]
             asked = [n for n in names if short.get(n, n).replace("_", "-") == wrong]

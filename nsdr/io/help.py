@@ -65,6 +65,8 @@ def expected(kind: Any, default: Any = None) -> str:
     if section is not None:
         none = "null, or " if NoneType in get_args(kind) else ""
         return f"expected {none}settings by name, such as {{{fields(section)[0].name}: …}}"
+    if get_origin(kind) in (Union, UnionType):
+        kind = next((option for option in get_args(kind) if option is not NoneType), kind)
     base = get_args(kind)[0] if get_origin(kind) is Annotated else kind
     how = "a text that is not empty" if "not-empty" in (base.__doc__ or "") else written(kind)
     if how == "NUMBER":

@@ -3,8 +3,9 @@
 import os
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 import yaml
 
@@ -46,7 +47,8 @@ def _settings(kind: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str
         hint = hints[field.name]
         inner = next((t for t in get_args(hint) if is_dataclass(t)), hint)
         if is_dataclass(inner):
-            yield from _settings(inner, (*path, field.name))
+            in_list = (0,) if get_origin(hint) is tuple else ()
+            yield from _settings(inner, (*path, field.name, *in_list))
         else:
             yield (*path, field.name), next((t for t in (hint, *get_args(hint)) if t in WRONG_SETTINGS), None)
 
@@ -61,10 +63,10 @@ def _wrong_configurations() -> Iterator[Case]:
             for value in WRONG_SETTINGS[number]:
                 content = yaml.safe_load(yaml.safe_dump(needed))
                 holder = content
-                for key in path[:-1]:
-                    holder = holder.setdefault(key, {})
+                for key, following in pairwise(path):
+                    holder = holder[0] if key == 0 else holder.setdefault(key, [{}] if following == 0 else {})
                 holder[path[-1]] = value
-                yield Case(f"configuration, {name}", f"{'.'.join(path)} = {value!r}", argv,
+                yield Case(f"configuration, {name}", f"{'.'.join(map(str, path))} = {value!r}", argv,
                            text_writer("config.yaml", yaml.safe_dump(content)), path[-1])  # fmt: skip
         unknown = text_writer("config.yaml", yaml.safe_dump({**needed, "zebra": 1}))
         yield Case(f"configuration, {name}", "unknown key", argv, unknown, "zebra")
