@@ -16,7 +16,7 @@ DATA := $(RUNS)/data
 
 world: $(OUTPUT)/frame_parser.json $(OUTPUT)/collisions.json $(OUTPUT)/question_parser.json
 
-$(DATA)/statistics.md:
+$(DATA)/statistics.md: $(wildcard $(WORLD))
 	$(NSDR) generate dataset --world $(WORLD) -o $(@D) --videos $(VIDEOS) --seed 1 --splits '{"train": 1}' --questions null
 
 $(RUNS)/frames/world.json: $(DATA)/statistics.md

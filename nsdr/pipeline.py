@@ -378,11 +378,19 @@ class Pipeline:
     def _parsed(self, frames: Iterator[NDArray[np.uint8]]) -> VideoProposals:
         """What the frame parser finds; raises `DataError` where it gives something else."""
         found = self.frame_parser.parse(frames, progress=self.progress)
-        return self._of_this_world(checked_result(found, VideoProposals, self.frame_parser, "parse"))
+        parsed = checked_result(found, VideoProposals, self.frame_parser, "parse")
+        self._check_words(parsed)
+        return replace(parsed, world=self.world)
 
     def _of_this_world(self, proposals: VideoProposals) -> VideoProposals:
-        """Proposals as seen by the camera of the pipeline's world."""
+        """Given proposals, as the pipeline's camera sees them; a world that they name has to be the pipeline's."""
         self._check_words(proposals)
+        differing = proposals.world.differences(self.world) if proposals.world != CLEVRER_WORLD else []
+        if differing:
+            raise DataError(
+                f"the proposals are of the world {proposals.world.name}; the pipeline's world {self.world.name} has other "
+                f"{', '.join(differing)}: give weights of that world, or the setting world"
+            )
         return replace(proposals, world=self.world)
 
     def _check_words(self, found: VideoProposals | VideoTracks) -> None:

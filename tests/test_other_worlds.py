@@ -10,10 +10,12 @@ from pycocotools import mask as rle
 
 import nsdr
 from nsdr import World
-from nsdr.clevrer import scene_from_annotation, scene_from_ground_truth, scene_from_truth
+from nsdr.baselines.features.extraction import FeatureExtraction
+from nsdr.clevrer import SceneQuestions, scene_from_annotation, scene_from_ground_truth, scene_from_truth
 from nsdr.clevrer.files.annotations import check_truth, read_annotation, read_truth, read_truth_file
 from nsdr.clevrer.files.compact_proposals import compact_rows, read_compact_proposals
 from nsdr.clevrer.files.proposals import proposals_document, proposals_from_masks, read_proposals
+from nsdr.clevrer.files.questions import Question
 from nsdr.cli.main import main
 from nsdr.datasets import VideoDataset
 from nsdr.dynamics.collisions.features import MotionArrays, network_inputs, radii
@@ -25,6 +27,7 @@ from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
 from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
 from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError
+from nsdr.evaluation.score import score_scenes
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletMotion, Simulator
 from nsdr.generate.physics.scene_config import SceneConfig
@@ -34,13 +37,14 @@ from nsdr.generate.render.view import View
 from nsdr.generate.violations import ViolationsConfig
 from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
+from nsdr.io.video import frame_rate
 from nsdr.io.worlds import world_in
 from nsdr.laws.evidence import evidence_of
 from nsdr.laws.judge import judge_tracks
 from nsdr.symbolic.quantities import Quantities
 from nsdr.tracking.localization import ground_location, outline, size_notes
 from nsdr.tracking.speeds import speed_notes
-from nsdr.tracking.tracker import existence, track
+from nsdr.tracking.tracker import existence, track, tracks_from_annotation
 from nsdr.tracking.visibility import cut_sides
 from nsdr.types import (
     DynamicsPrediction,
@@ -52,6 +56,7 @@ from nsdr.types import (
     VideoProposals,
     VideoTracks,
 )
+from nsdr.visualize.annotate import write_annotated_video
 from nsdr.world.camera import Camera
 from nsdr.world.layout import Layout
 from nsdr.world.look import Lamp, Look
@@ -209,6 +214,34 @@ def test_a_brick_that_the_border_cuts_is_as_long_as_where_it_was_whole(yaw) -> N
     )
     assert errors < 0.04
     assert errors < of_mean_outline / 2
+
+
+def test_tracks_of_an_annotation_are_of_its_world_and_drawn_at_its_rate(folder, tmp_path) -> None:
+    annotation = nsdr.CLEVRER(folder).split("train").annotation(0)
+    tracks = tracks_from_annotation(annotation)
+    assert tracks.world == DISCS
+    scene = scene_from_annotation(annotation)
+    write_annotated_video(tmp_path / "a.mp4", np.zeros((20, 192, 320, 3), np.uint8), None, tracks, scene)
+    assert frame_rate(tmp_path / "a.mp4") == DISCS.timeline.fps
+
+
+def test_programs_of_a_question_file_are_in_the_words_of_its_world() -> None:
+    question = Question(
+        0,
+        "Are there any steel coins?",
+        "descriptive",
+        "exist",
+        answer="yes",
+        program=("objects", "steel", "filter_material", "coin", "filter_shape", "exist"),
+    )
+    scene = Scene.of(["teal steel coin"], world=DISCS)
+    report = score_scenes([(SceneQuestions(0, "v.mp4", (question,)), nsdr.Executor(scene))], None)
+    assert report.results[0]["correct"]
+
+
+def test_features_of_pixels_are_of_clevrers_videos(folder, tmp_path) -> None:
+    with pytest.raises(DataError, match=r"world discs: other than CLEVRER's in .*timeline\.fps.*features of pixels"):
+        FeatureExtraction(str(folder), str(tmp_path / "f")).resolved(None)
 
 
 def test_videos_have_the_worlds_size_and_rate(folder) -> None:

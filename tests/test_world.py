@@ -191,6 +191,11 @@ def test_a_pipeline_takes_proposals_of_its_own_world() -> None:
     assert found.words[0] == "white wood die"
     with pytest.raises(DataError, match="have the words of the world mine; the pipeline is for the world CLEVRER"):
         Pipeline(*[Part()] * 3).judge(proposals=found)  # type: ignore[list-item]
+    moon = World("moon", physics=Physics(gravity=1.6), timeline=Timeline(10))
+    with pytest.raises(
+        DataError, match=r"of the world moon; .* has other physics\.gravity, timeline\.fps: give weights"
+    ):
+        Pipeline(*[Part()] * 3).judge(proposals=replace(proposals(), world=moon))  # type: ignore[list-item]
 
 
 def test_pipelines_refuse_worlds_whose_physics_they_do_not_know() -> None:

@@ -24,7 +24,7 @@ from nsdr.io.registry import installed_part
 COMMANDS: dict[str, tuple[str, str, str]] = {
     "answer": ("ask", "ask", "answer questions about a video"),
     "simulate": ("ask", "simulate", "what would happen in a video with objects removed, changed or added"),
-    "judge": ("ask", "perceive", "find which laws of CLEVRER's world videos break"),
+    "judge": ("ask", "perceive", "find which laws of their world videos break"),
     "visualize": ("ask", "perceive", "show what was seen, and why a question got its answer"),
     "demo": ("ask", "ask", "answer questions about the clip that ships with the package"),
     "serve": ("ask", "serve", "a page to ask and to intervene on"),

@@ -24,7 +24,6 @@ from nsdr.errors import DataError, NsdrError
 from nsdr.io.files import check_installed, write_json
 from nsdr.types import Add, Event, Freeze, Move, Remove, SetMass, SetVelocity, Simulation
 from nsdr.types.interventions import Intervention
-from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import Vocabulary
 from nsdr.world.world import World
 
@@ -78,11 +77,12 @@ def simulate(options: Any) -> int:
         check_installed("av", "writing videos needs PyAV", "visualize")
     if is_scene(options.video):
         raise DataError(f"{options.video}: is a saved scene, to which no simulator was fitted; give the video")
-    interventions = _interventions(options, settings_of(options).world)
+    world = settings_of(options).world
+    interventions = _interventions(options, world)
     if not interventions:
         raise DataError("no intervention: expected --remove, --mass, --velocity, --move, --shift, --freeze or --add")
     if options.from_frame:
-        _check_frame(options.video, options.from_frame, options.fps)
+        _check_frame(options.video, options.from_frame, options.fps, world.timeline.fps)
     pipeline = make_pipeline(options, asks=False)
     simulation = pipeline.simulate(options.video, interventions, options.from_frame, options.frames)
     if options.json:
@@ -127,13 +127,13 @@ def _interventions(options: Any, world: World) -> list[Intervention]:
     ]
 
 
-def _check_frame(video: str, frame: int, fps: float) -> None:
+def _check_frame(video: str, frame: int, fps: float, rate: int) -> None:
     """Refuse a frame after the video's end by its header, before it is looked at; the simulation checks exactly."""
     from nsdr.io.video import video_seconds
 
-    frames = round(video_seconds(video, fps) * FPS)
+    frames = round(video_seconds(video, fps) * rate)
     if frames and frame > frames:
-        raise DataError(f"--from-frame {frame}: expected a frame of {video}, which has {frames} at {FPS} a second")
+        raise DataError(f"--from-frame {frame}: expected a frame of {video}, which has {frames} at {rate} a second")
 
 
 def _object(text: str, vocabulary: Vocabulary) -> str | int:

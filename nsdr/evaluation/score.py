@@ -72,7 +72,9 @@ def _answer(executor: Executor | OfficialExecutor, question: Question, parse: Pa
             return parse(text, kind)
         if program is None:
             raise QuestionError("the question file has no programs; use parsed ones")
-        return program if isinstance(executor, OfficialExecutor) else Program.parse(program)
+        if isinstance(executor, OfficialExecutor):
+            return program
+        return Program.parse(program, executor.scene.world.vocabulary)
 
     try:
         if question.type == "descriptive":

@@ -18,7 +18,7 @@ from torchvision.models.resnet import BasicBlock
 from torchvision.ops import FeaturePyramidNetwork
 
 from nsdr.errors import DataError
-from nsdr.frame_parser.regions import ProposalNetwork, RegionPool
+from nsdr.frame_parser.regions import GROUP_SPACING_PX, ProposalNetwork, RegionPool
 from nsdr.frame_parser.roi_heads import AttributePredictor, AttributeRoIHeads, JointAttributePredictor
 from nsdr.validation import Settings, Share, Size, one_of
 from nsdr.world.world import CLEVRER_WORLD, World
@@ -169,8 +169,15 @@ def build_frame_parser(config: FrameParserConfig | None = None, world: World = C
 
     Differs from the paper: the default is a slim ResNet with three attribute heads, trained from scratch, so that a CPU
     suffices. `backbone="resnet50", attributes="joint"` gives the paper's architecture.
+
+    Raises:
+        DataError: the world's images are too large.
     """
-    c = config or FrameParserConfig()
+    c, size = config or FrameParserConfig(), (world.camera.width, world.camera.height)
+    if max(size) >= GROUP_SPACING_PX:
+        raise DataError(
+            f"images of {size[0]}x{size[1]} (world {world.name}): the frame parser takes sides below {GROUP_SPACING_PX} pixels"
+        )
     backbone: nn.Module = (
         SlimBackbone(c.widths, c.blocks, c.fpn_channels)
         if c.backbone == "slim"

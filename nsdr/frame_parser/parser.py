@@ -109,8 +109,8 @@ class FrameParser(PretrainedPart[nn.Module]):
 
         Args:
             frames: a video file; or its frames (F, height, width, 3) uint8 RGB, as an array or as images such as those of
-                Pillow; or an iterator over arrays (320, 480, 3), which are parsed as they come. Frames of another size are
-                scaled to 480x320, which is noted. An image that is the same object as the one before it, as
+                Pillow; or an iterator over arrays (height, width, 3) of the world's size, which are parsed as they come. Frames
+                of another size are scaled to it, which is noted. An image that is the same object as the one before it, as
                 `nsdr.io.video.read_frames` repeats those of slow videos, shows nothing new.
             progress: show a progress bar.
 

@@ -13,9 +13,10 @@ from nsdr.tracking.tracker import track
 from nsdr.types import LAWS, VideoTracks
 
 ENOUGH_MOTION = 4.0
-"""Motion for the whole reward (world units, the sum over objects): each of 80 simulated scenes of CLEVRER's kind has more."""
+"""Motion for the whole reward (the sum over objects; world units in CLEVRER): each of 80 simulated scenes of CLEVRER's kind has
+more."""
 LEAST_MOTION = 0.4
-"""An object that moves less than its own width is at rest (world units)."""
+"""An object that moves less than the width of the narrowest one is at rest (world units in CLEVRER)."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,8 @@ def _earned(source: VideoSource, pipeline: Pipeline) -> Lawfulness:
         judgement = pipeline.judge(video)
     except VideoError as e:
         return Lawfulness(0.0, dict.fromkeys(LAWS, 0.0), 0.0, str(e))
-    motion = min(_motion(track(pipeline.proposals(video)[0], pipeline.tracker)) / ENOUGH_MOTION, 1.0)
+    moved, size = track(pipeline.proposals(video)[0], pipeline.tracker), pipeline.world.scales.size
+    motion = min(_motion(moved) / (ENOUGH_MOTION * size), 1.0)
     laws = dict.fromkeys(LAWS, 1.0)
     for violation in judgement.violations:
         laws[violation.law] = min(laws[violation.law], 1 - violation.probability)
@@ -71,7 +73,7 @@ def _earned(source: VideoSource, pipeline: Pipeline) -> Lawfulness:
 def _motion(tracks: VideoTracks) -> float:
     """The sum of the distances between each object's first place and the place farthest from it (world units)."""
     moved = [np.linalg.norm(t.location_world - t.location_world[:1], axis=1).max(initial=0) for t in tracks.tracks]
-    return float(sum(distance for distance in moved if distance >= LEAST_MOTION))
+    return float(sum(distance for distance in moved if distance >= LEAST_MOTION * tracks.world.scales.size))
 
 
 @lru_cache(maxsize=1)

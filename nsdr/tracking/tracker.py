@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from nsdr.io.worlds import world_in
 from nsdr.tracking.localization import ground_location, turned_location
 from nsdr.tracking.visibility import cut_sides, hidden_sides
 from nsdr.types import SceneObject, Track, VideoProposals, VideoTracks
 from nsdr.validation import BoolArray, Count, IntArray, Settings, Share
 from nsdr.world.shapes import surface_points
 from nsdr.world.vocabulary import differing_words
-from nsdr.world.world import CLEVRER_WORLD, Scales, World
+from nsdr.world.world import Scales, World
 
 PROPOSAL_SCORE = 0.9
 """The paper's threshold for proposals: those with a score up to this are ignored (0-1)."""
@@ -318,15 +319,16 @@ def existence(tracks: VideoTracks) -> NDArray[np.float64]:
     return found
 
 
-def tracks_from_annotation(annotation: Mapping[str, Any], world: World = CLEVRER_WORLD) -> VideoTracks:
+def tracks_from_annotation(annotation: Mapping[str, Any], world: World | None = None) -> VideoTracks:
     """True positions of all objects in the frames where they are in view, with the boxes of their outlines and score 1.
 
     Objects that are never in view are left out.
 
     Args:
         annotation: validated content of an annotation file: its `object_property` and `motion_trajectory`.
-        world: the world that the video is of.
+        world: the world that the video is of; None for the one that the annotation says, or CLEVRER's.
     """
+    world = world or world_in(annotation)
     camera = world.camera
     size = np.array([camera.width, camera.height])
     tracks: list[Track] = []

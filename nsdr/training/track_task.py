@@ -1,5 +1,6 @@
 """What the training tasks of the dynamics networks share: the configuration, the tracks and the collision loss."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
@@ -115,9 +116,9 @@ class TrackTask(Task):
         self.object_count = self.data.exists.sum(1)
         self.collisions = np.argwhere(np.triu(self.data.collision_frame, 1) > 0)
 
+    @abstractmethod
     def network(self) -> nn.Module:
         """The network, with random weights."""
-        raise NotImplementedError
 
     def read(self) -> MotionDataset:
         """The scenes to train and evaluate on; kept in the run's folder, so that a resumed run need not make them again."""

@@ -111,7 +111,7 @@ def write_annotated_video(
     """
 
     images = (annotated_image(frame, f, proposals, tracks, scene) for f, frame in enumerate(frames))
-    write_video(path, images, preset=preset)
+    write_video(path, images, scene.world.timeline.fps, preset=preset)
 
 
 def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:

@@ -17,10 +17,6 @@ GROUND_HALF_WIDTH_WORLD = _PHYSICS.table_half_width_world
 
 OBJECT_RADIUS_WORLD = _VOCABULARY.shapes[0].size_world[0] / 2
 """Radius or half the edge length of every object, and the height of its centre above the ground (world units)."""
-MASS_RANGE = _PHYSICS.mass_range
-"""Range of the uniformly distributed masses; only their ratios matter."""
-START_SPEED_RANGE_WORLD_PER_S = _PHYSICS.start_speed_world_per_s
-"""Range of the initial speeds of moving objects (world units/s); the others start at rest."""
 MOVING_SPEED_WORLD_PER_S = _PHYSICS.moving_speed_world_per_s
 """Speed on the ground above which CLEVRER's answers count an object as moving (world units/s)."""
 

@@ -46,6 +46,7 @@ from nsdr.io.video import read_frames, spaced
 from nsdr.io.worlds import world_beside
 from nsdr.types import VideoProposals
 from nsdr.validation import Count, PathName, Settings, one_of
+from nsdr.world.world import check_as_clevrer
 
 REGION_CELLS = 7
 """Cells along each side of a region, over which the mean is taken."""
@@ -83,6 +84,7 @@ class FeatureExtraction(_Extraction):
         if config.precision == "auto":
             best = str(resolve_precision("auto", device)).removeprefix("torch.")
             config = replace(config, precision=kept.manifest["features"].get("precision", best) if kept else best)
+        check_as_clevrer(world_beside(Path(self.root) / "manifest.json"), "features of pixels")
         FeatureExtractor(config, str(device))  # what is wrong with the weights is found before the work
         return replace(self, features=config, device=str(device))
 

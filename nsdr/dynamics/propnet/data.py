@@ -219,7 +219,7 @@ def _image_row(split: Split, index: int, path: Path, patch_file: Path, config: P
     states = states_from_tracks(tracks)
     fits = MIN_OBJECTS <= len(states.objects) <= most_objects(states.world)
     if fits and proposals.n_frames == states.world.timeline.frames:
-        patches = object_patches(VideoPixels(read_frames(video), proposals, tracks), states, config)
+        patches = object_patches(VideoPixels(read_frames(video, world=states.world), proposals, tracks), states, config)
         with atomic_path(patch_file) as temporary, open(temporary, "wb") as file:
             np.save(file, patches)
         row = _row(index, states, truth_block(scene_from_annotation(annotation)))

@@ -95,7 +95,8 @@ def _write_split(source: Split, scenes: Sequence[SceneQuestions], folder: Path) 
             if kind not in SAME:
                 copy_once(video, target)
             elif not target.exists():
-                write_video(target, SAME[kind](even_frames(video), index), preset=PRESET)
+                frames = even_frames(video, source.world)
+                write_video(target, SAME[kind](frames, index), source.world.timeline.fps, preset=PRESET)
             if kind:
                 questions = [replace(q, pair=f"{first}-{q.id}", pair_kind=kind) for q in questions]
             written.append(SceneQuestions(index, target.name, tuple(questions)))
