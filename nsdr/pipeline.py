@@ -190,7 +190,7 @@ class Pipeline:
     def frames(
         self, video: VideoSource, beyond_cuts: bool = False, note: Note | None = None
     ) -> Iterator[NDArray[np.uint8]]:
-        """The frames (320, 480, 3) uint8 RGB of a video that perception processes, with its errors.
+        """The frames (height, width, 3) uint8 RGB of a video that perception processes, with its errors.
 
         Args:
             video: see `perceive`.
@@ -214,7 +214,7 @@ class Pipeline:
         """All stages up to the scene, starting from the latest that is given.
 
         Args:
-            video: a video file; or its frames (F, height, width, 3) uint8 RGB, 25 a second unless `VideoConfig.fps` says
+            video: a video file; or its frames (F, height, width, 3) uint8 RGB, at the world's rate unless `VideoConfig.fps` says
                 otherwise, as an array or as images such as those of Pillow. Another size is scaled and noted.
             proposals, tracks, explanation: results of stages, to use instead of computing them.
             true_scene: a scene whose collisions during the video are taken as true, instead of detecting them.

@@ -46,7 +46,7 @@ class Clip:
     jpegs: tuple[bytes, ...]
 
     def frames(self) -> NDArray[np.uint8]:
-        """(T, 320, 480, 3) uint8 RGB."""
+        """(T, height, width, 3) uint8 RGB."""
         images = [cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR) for file in self.jpegs]
         return np.stack(images)[..., ::-1]  # type: ignore[arg-type,return-value]
 
@@ -130,7 +130,7 @@ class Clips:
             return self.pipeline.simulate(clip.perception, interventions, from_frame)
 
     def judge(self, clip: Clip) -> tuple[Judgement, VideoTracks, NDArray[np.uint8]]:
-        """Which laws a clip breaks, with the tracks and the frames (T, 320, 480, 3) uint8 RGB in which they are shown.
+        """Which laws a clip breaks, with the tracks and the frames (T, height, width, 3) uint8 RGB in which they are shown.
 
         Frames after a cut are judged, too, and are looked at for that.
 

@@ -165,7 +165,7 @@ def make_pipeline(options: Any, asks: bool = True) -> Any:
 
 
 def frames_of(pipeline: Any, video: str | Path) -> Any:
-    """(F, 320, 480, 3) uint8, the frames that perception saw, whose notes the scene has."""
+    """(F, height, width, 3) uint8, the frames that perception saw, whose notes the scene has."""
     import numpy as np
 
     return np.stack(list(pipeline.frames(video, note=unsaid)))

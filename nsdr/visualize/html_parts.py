@@ -75,7 +75,7 @@ def answer_html(answer: Answer, perception: Perception, frames: NDArray[np.uint8
     Args:
         answer: with its trace or those of its choices.
         perception: of the video.
-        frames: (T, 320, 480, 3) uint8 RGB of it; None leaves out the frames.
+        frames: (T, height, width, 3) uint8 RGB of it; None leaves out the frames.
     """
     parts = [f"<h2>Why: {html.escape(answer.question)}</h2>"]
     parts.append(f"<p>Program: <code>{html.escape(' '.join(answer.program))}</code></p>")
@@ -114,7 +114,7 @@ def steps_html(
     Args:
         trace: the executed steps.
         perception: where the events of the steps are found.
-        frames: (F, 320, 480, 3) uint8 RGB frames for pictures of events; None for no pictures.
+        frames: (F, height, width, 3) uint8 RGB frames for pictures of events; None for no pictures.
         unfolded: " open" to show the steps unfolded.
     """
     is_word = [not step.inputs and step.module == step.text for step in trace]
@@ -151,7 +151,7 @@ def thumbnail(
     """A small copy of a frame as a data URI, with boxes around objects.
 
     Args:
-        frame: (320, 480, 3) uint8 RGB.
+        frame: (height, width, 3) uint8 RGB.
         frame_index: the frame's index in the video.
         tracks: where the objects are.
         objects: ids of those that get a box: a thin one, at the nearest place, where they are not seen in the frame.

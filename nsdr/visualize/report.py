@@ -34,7 +34,7 @@ def write_report(
 
     Args:
         path: HTML file to write.
-        frames: (T, 320, 480, 3) uint8 RGB; None leaves out the video and all pictures of frames.
+        frames: (T, height, width, 3) uint8 RGB; None leaves out the video and all pictures of frames.
         perception: of the same video; a stage that is None leaves out its part of the page.
         answers: answers with their traces; an empty sequence leaves out that part of the page.
 

@@ -135,7 +135,7 @@ def judgement_html(judgement: Judgement, tracks: VideoTracks, frames: NDArray[np
     Args:
         judgement: of the video.
         tracks: of the proposals that were judged.
-        frames: (T, 320, 480, 3) uint8 RGB of it.
+        frames: (T, height, width, 3) uint8 RGB of it.
         video: CSS selector of the page's video, which a click on a violation moves to its frame, and only the most probable
             violation is unfolded; "" for none, and all are.
     """
