@@ -215,7 +215,8 @@ class Pipeline:
 
         Args:
             video: a video file; or its frames (F, height, width, 3) uint8 RGB, at the world's rate unless
-                `VideoConfig.fps` says otherwise, as an array or as images such as those of Pillow. Another size is scaled and noted.
+                `VideoConfig.fps` says otherwise, as an array or as images such as those of Pillow. Another size is
+                scaled and noted.
             proposals, tracks, explanation: results of stages, to use instead of computing them.
             true_scene: a scene whose collisions during the video are taken as true, instead of detecting them.
 
