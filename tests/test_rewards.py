@@ -166,7 +166,10 @@ def test_rewards_read_any_text_in_linear_time(unit: str) -> None:
         return process_time() - started
 
     seconds(1000)
-    assert seconds(96_000) < 10 * seconds(24_000) + 0.2
+    long, short = (
+        min(seconds(length) for _ in range(3)) for length in (96_000, 24_000)
+    )  # once, memory may be collected
+    assert long < 10 * short + 0.2
 
 
 MOTION = "objects end get_frame filter_moving count"
