@@ -307,8 +307,11 @@ MEGABYTE = 10**6
 
 
 @pytest.fixture
-def guarded(tmp_path: Path) -> Any:
-    """A client of a guarded application that keeps uploads as Gradio does; files called "broken" are not finished."""
+def guarded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A client of a guarded application that keeps uploads as Gradio does; files called "broken" are not finished.
+
+    Its disk has room whatever else is on this machine's.
+    """
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
     from starlette.requests import Request
@@ -317,6 +320,7 @@ def guarded(tmp_path: Path) -> Any:
     from starlette.testclient import TestClient
 
     folder = tmp_path / "uploads"
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(total=100 * MEGABYTE, free=100 * MEGABYTE))
 
     async def upload(request: Request) -> PlainTextResponse:
         name, content = request.headers["name"], await request.body()
