@@ -30,12 +30,15 @@ from nsdr.errors import DataError
 from nsdr.evaluation.score import score_scenes
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletMotion, Simulator
+from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
+from nsdr.generate.physics.violations import break_law
 from nsdr.generate.render.geometry import Solid
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
-from nsdr.generate.violations import ViolationsConfig
-from nsdr.io.files import write_json
+from nsdr.generate.scene_files import annotation_document
+from nsdr.generate.violations import ViolationsConfig, generate_violations
+from nsdr.io.files import find_files, write_json
 from nsdr.io.reading import read_json
 from nsdr.io.video import frame_rate
 from nsdr.io.worlds import world_in
@@ -358,9 +361,35 @@ def test_settings_that_do_not_fit_the_world_are_refused(settings, message) -> No
         DatasetConfig("set", world=DISCS, **settings)
 
 
-def test_violations_are_of_clevrers_laws() -> None:
-    with pytest.raises(DataError, match="world: expected clevrer"):
-        ViolationsConfig("set", world=DISCS)
+@pytest.mark.parametrize(
+    "law", ["permanence", "identity", "continuity", "inertia", "reaction", "distance", "standstill"]
+)
+def test_a_broken_law_is_found(law: str) -> None:
+    def laws(scene: SimulatedScene) -> list[str]:
+        tracks = tracks_from_annotation(annotation_document(scene, 0, "video.mp4", DISCS.camera), DISCS)
+        return [violation.law for violation in judge_tracks(tracks).violations]
+
+    scene = simulate_scene(44, removals=False, world=DISCS)
+    made = break_law(scene, law, "clear", 44)
+    assert made is not None
+    assert made[1].law == law
+    assert (laws(scene), laws(made[0])) == ([], [law])
+
+
+def test_of_one_word_nothing_can_differ() -> None:
+    one_material = replace(DISCS, vocabulary=replace(DISCS.vocabulary, materials=DISCS.vocabulary.materials[:1]))
+    made = break_law(simulate_scene(40, removals=False, world=one_material), "identity", "clear", 40)
+    assert made is not None
+    assert made[1].amount == 2  # the colour and the shape
+
+
+def test_pairs_of_videos_are_generated_in_their_world(tmp_path: Path) -> None:
+    config = ViolationsConfig(
+        str(tmp_path / "set"), 2, 1, world=DISCS, laws=("continuity",), renderer="none", workers=1
+    )
+    truth = read_truth_file(find_files(generate_violations(config) / "truth", "truth_*.json")[1])
+    assert truth["violation"]["amount"] == pytest.approx(0.4 * DISCS.scales.size)
+    assert {o["shape"] for o in truth["objects"]} <= set(DISCS.vocabulary.words["shape"])
 
 
 def test_a_data_set_of_another_world_is_not_continued(folder) -> None:

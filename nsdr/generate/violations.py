@@ -1,4 +1,4 @@
-"""Pairs of videos, one lawful and one in which a single law of CLEVRER's world is broken, with their truth and questions."""
+"""Pairs of videos, one lawful and one in which a single law of their world is broken, with their truth and questions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -25,7 +25,6 @@ from nsdr.generate.physics.violations import SIZES, break_law
 from nsdr.io.limits import limits
 from nsdr.types import LAWS
 from nsdr.validation import Share, one_of
-from nsdr.world.world import CLEVRER_WORLD
 
 SCENES_PER_PAIR = 400
 """Most scenes that are tried for one pair, because not every scene gives an occasion to break every law. Large data sets try
@@ -60,8 +59,6 @@ class ViolationsConfig(DatasetConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.own_world != CLEVRER_WORLD:
-            raise DataError(f"world: expected clevrer, whose laws are broken, got {self.own_world.name}")
         if self.counterfactual_videos:
             raise DataError("counterfactual_videos: expected 0, as counterfactual videos are lawful")
         if sum(share > 0 for share in self.splits.values()) != 1:
@@ -84,7 +81,7 @@ class ViolationsConfig(DatasetConfig):
         tried = min(SCENES_PER_PAIR, (SCENES_PER_SEED - self.first_scene) // n_pairs)
         for attempt in range(tried):
             seed = self.scene_seed(pair + attempt * n_pairs)
-            scene = simulate_scene(seed, self.scene, removals=False)
+            scene = simulate_scene(seed, self.scene, removals=False, world=self.own_world)
             found = break_law(scene, law, size, seed)
             if found is not None:
                 broken, violation = found

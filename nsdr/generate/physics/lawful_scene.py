@@ -12,18 +12,16 @@ from nsdr.generate.physics.scene import SimulatedScene
 from nsdr.tracking.visibility import cut_sides, hidden_sides, in_image
 from nsdr.types import Violation
 from nsdr.validation import BoolArray
-from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.shapes import surface_points
 
 CALM_FRAMES = 12
 """Number of frames before and after a change in which the changed objects are fully in view and touch nothing."""
 SEEN_SHARE = 0.5
 """Least share of the frames around a collision in which no part of either object is hidden."""
-SPACE_WORLD = 3.2 * OBJECT_RADIUS_WORLD
-"""Least distance between the centre of an object that jumps or appears and the centres of all others (world units)."""
-AWAY_WORLD = (60.0, 0.0, OBJECT_RADIUS_WORLD)
-"""Where absent objects are put: behind the camera."""
+SPACE = 1.6
+"""Least distance between the centre of an object that jumps or appears and the centre of any other, in sums of half widths."""
+AWAY_WORLD = 50.0
+"""Absent objects are put so far behind the camera (world units)."""
 STATES = ("location_world", "orientation", "velocity", "angular_velocity")
 """The arrays of a `BulletMotion`."""
 
@@ -33,7 +31,7 @@ class LawfulScene:
     """A lawful scene, what is visible in it, and how it goes on after a change.
 
     Attributes:
-        scene: the scene, with CLEVRER's physics.
+        scene: the scene, with its world's physics.
         simulator: runs it on after a change.
         rng: makes the random choices.
         whole: (n, F) bool, whether an object is in the image and not cut off by its border.
@@ -46,16 +44,18 @@ class LawfulScene:
     rng: random.Random
 
     def __post_init__(self) -> None:
-        motion, n_frames = self.scene.motion, self.scene.n_frames
+        motion, n_frames, camera = self.scene.motion, self.scene.n_frames, self.scene.world.camera
+        self.shapes = [self.scene.world.vocabulary.shape(o.shape) for o in self.scene.objects]
         boxes = np.full((len(self.scene.objects), n_frames, 4), np.nan)
         for o in self.scene.objects:
             location, yaw = motion.location_world[o.id, :n_frames], motion.orientation[o.id, :n_frames, 2]
-            for f in np.flatnonzero(in_image(o.shape, location, yaw)):
-                outline = CLEVRER_CAMERA.pixels(surface_points(o.shape, float(yaw[f])) + location[f])
+            shape = self.shapes[o.id]
+            for f in np.flatnonzero(in_image(shape, location, yaw, camera)):
+                outline = camera.pixels(surface_points(shape, float(yaw[f])) + location[f])
                 boxes[o.id, f] = *outline.min(0), *outline.max(0)
         seen = np.isfinite(boxes).all(-1)
-        self.whole: BoolArray = seen & ~cut_sides(boxes, CLEVRER_CAMERA).any(-1)
-        self.unhidden: BoolArray = seen & ~hidden_sides(boxes.transpose(1, 0, 2), CLEVRER_CAMERA).any(-1).T
+        self.whole: BoolArray = seen & ~cut_sides(boxes, camera).any(-1)
+        self.unhidden: BoolArray = seen & ~hidden_sides(boxes.transpose(1, 0, 2), camera).any(-1).T
         self.clear = self.unhidden.copy()
         for contact in motion.contacts:
             start = max(contact.frame - CALM_FRAMES, 0)
@@ -92,7 +92,8 @@ class LawfulScene:
 
     def body(self, i: int, frame: int) -> Body:
         """An object's state in a frame."""
-        return self.scene.motion.body(i, frame, self.scene.objects[i].shape, float(self.scene.mass[i]))
+        o = self.scene.objects[i]
+        return self.scene.motion.body(i, frame, o.shape, float(self.scene.mass[i]), o.material)
 
     def resumed(
         self, frame: int, changed: dict[int, Body | None], passing: tuple[int, int] | None = None
@@ -124,20 +125,22 @@ class LawfulScene:
 
     def is_calm(self, scene: SimulatedScene, objects: Sequence[int], frame: int) -> bool:
         """Whether objects stay in the image and touch nothing new in the frames after a change."""
-        last, motion = frame + CALM_FRAMES, scene.motion
+        last, motion, world = frame + CALM_FRAMES, scene.motion, scene.world
         for i in objects:
             if any(i in c.bodies and frame <= c.frame <= last for c in motion.contacts):
                 return False
             shown = slice(frame, last + 1)
             path, yaw = motion.location_world[i, shown], motion.orientation[i, shown, 2]
-            if not in_image(scene.objects[i].shape, path, yaw).all():
+            if not in_image(world.vocabulary.shape(scene.objects[i].shape), path, yaw, world.camera).all():
                 return False
         return True
 
     def has_space(self, i: int, frame: int, x: float, y: float) -> bool:
         """Whether an object fits at a place."""
         others = np.delete(self.scene.motion.location_world[:, frame, :2], i, axis=0)
-        return bool((np.linalg.norm(others - np.array([x, y]), axis=1) > SPACE_WORLD).all())
+        half = np.array([shape.half_width_world for shape in self.shapes])
+        space = SPACE * (half[i] + np.delete(half, i))
+        return bool((np.linalg.norm(others - np.array([x, y]), axis=1) > space).all())
 
     def violation(self, law: str, objects: Sequence[int], start: int, end: int, amount: float, unit: str) -> Violation:
         """The record of a broken law; its frames end with the video."""
@@ -147,5 +150,6 @@ class LawfulScene:
 def without(scene: SimulatedScene, objects: Sequence[int], frames: slice | BoolArray) -> SimulatedScene:
     """The scene with objects moved behind the camera in the given frames: a slice, or (T,) bool."""
     location = scene.motion.location_world.copy()
-    location[list(objects), frames] = AWAY_WORLD
+    eye, target = np.array(scene.world.camera.eye_world), np.array(scene.world.camera.target_world)
+    location[list(objects), frames] = eye + AWAY_WORLD * (eye - target) / np.linalg.norm(eye - target)
     return replace(scene, motion=replace(scene.motion, location_world=location))

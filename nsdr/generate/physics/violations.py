@@ -1,4 +1,4 @@
-"""Scenes that break exactly one law of CLEVRER's world, made from lawful ones.
+"""Scenes that break exactly one law of their world, made from lawful ones.
 
 A scene is changed at one frame, and Bullet goes on from there: apart from that one change, everything is lawful.
 """
@@ -15,11 +15,12 @@ from nsdr.generate.physics.bullet import Body, BulletMotion, Contact, Simulator
 from nsdr.generate.physics.lawful_scene import CALM_FRAMES, STATES, LawfulScene, without
 from nsdr.generate.physics.scene import SimulatedScene
 from nsdr.types import SceneObject, Violation
-from nsdr.world.physics_constants import FRAME_SECONDS, GROUND_FRICTION, OBJECT_RADIUS_WORLD
-from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES, differing_words
+from nsdr.world.vocabulary import NAMES, differing_words
+from nsdr.world.world import World
 
 SIZES = ("clear", "small", "limit")
-"""How easily a violation is seen, from easy to hard. "limit" is the limit of what positions known to 0.003 world units show."""
+"""How easily a violation is seen, from easy to hard. "limit" is the limit of what positions known to 0.003 world units show in
+CLEVRER."""
 AMOUNTS = {
     "permanence": (math.inf, 16, 6),
     "identity": (math.inf, 40, 10),
@@ -32,10 +33,11 @@ AMOUNTS = {
     "arrow": (2, 1, 0),
     "standstill": (15, 8, 5),
 }
-"""By law, for each of `SIZES`:
+"""By law, for each of `SIZES`, in CLEVRER; `amount_in` says how other worlds differ:
 
 - permanence: number of frames in which an object is missing
-- identity: number of frames in which it has other attributes (all three if clear, else its colour)
+- identity: number of frames in which it has other attributes (all three if clear, else its colour; where the vocabulary has no
+  other word of a kind, as many as can differ)
 - continuity: how far it jumps (world units)
 - inertia: change of its velocity (world units/s)
 - friction: additional deceleration (world units/s²)
@@ -44,14 +46,22 @@ AMOUNTS = {
 - distance: gap at which two objects repel each other (world units)
 - arrow: number of well visible collisions in the video, which is played backwards
 - standstill: number of identical frames"""
+SCALES = {
+    "continuity": "size",
+    "inertia": "speed",
+    "friction": "gravity",
+    "solidity": "size",
+    "distance": "size",
+}
+"""The field of `World.scales` to which a law's amounts are in proportion; those of other laws are the same everywhere."""
 SLIDING_FRAMES = 40
 """Frames after a change of friction in which the object is in clear view and touches nothing: friction takes time to show."""
 MOVING_SPEED = 0.5
 """Least speed of objects that are missing for a time or stand still; objects whose friction changes are at least twice as fast
-(world units/s)."""
+(world units/s in CLEVRER)."""
 MIN_CLOSING_SPEED, MIN_RESTITUTION = 0.5, 0.4
-"""Least speed of approach in collisions whose effect is changed (world units/s), and least share of it with which the objects
-part."""
+"""Least speed of approach in collisions whose effect is changed (world units/s in CLEVRER), and least share of it with which
+the objects part."""
 BEFORE, AFTER = 2, 3
 """Frames before and after a collision at which velocities are those before and after it."""
 
@@ -66,14 +76,26 @@ def break_law(scene: SimulatedScene, law: str, size: str, seed: int) -> BrokenSc
     objects are behind the camera.
 
     Args:
-        scene: a lawful scene with CLEVRER's physics.
+        scene: a lawful scene with its world's physics.
         law: one of `nsdr.types.LAWS`.
         size: one of `SIZES`.
         seed: of the random choices.
     """
-    with Simulator() as simulator:
+    with Simulator(world=scene.world) as simulator:
         lawful = LawfulScene(scene, simulator, random.Random(seed))
-        return _BREAK[law](lawful, AMOUNTS[law][SIZES.index(size)], SIZES.index(size))
+        return _BREAK[law](lawful, amount_in(scene.world, law, size), SIZES.index(size))
+
+
+def amount_in(world: World, law: str, size: str) -> float:
+    """How much a law is broken in a world, in the units of `AMOUNTS`.
+
+    Args:
+        world: of the scenes.
+        law: one of `nsdr.types.LAWS`.
+        size: one of `SIZES`.
+    """
+    scale: float = getattr(world.scales, SCALES[law]) if law in SCALES else 1.0
+    return AMOUNTS[law][SIZES.index(size)] * scale
 
 
 def _turned(x: float, y: float, angle: float, length: float) -> tuple[float, float]:
@@ -82,7 +104,8 @@ def _turned(x: float, y: float, angle: float, length: float) -> tuple[float, flo
 
 def _permanence(lawful: LawfulScene, frames: float, size: int) -> BrokenScene | None:
     """An object vanishes, appears out of nothing, or is missing for some frames."""
-    for i, f in lawful.moments(CALM_FRAMES + (0 if math.isinf(frames) else int(frames)), MOVING_SPEED * (size > 0)):
+    least_speed = MOVING_SPEED * lawful.scene.world.scales.speed * (size > 0)
+    for i, f in lawful.moments(CALM_FRAMES + (0 if math.isinf(frames) else int(frames)), least_speed):
         if math.isinf(frames) and lawful.rng.random() < 0.5:
             if any(i in c.bodies and c.frame <= f for c in lawful.scene.motion.contacts):
                 continue
@@ -99,23 +122,24 @@ def _permanence(lawful: LawfulScene, frames: float, size: int) -> BrokenScene | 
 
 def _identity(lawful: LawfulScene, frames: float, size: int) -> BrokenScene | None:
     """Another object takes an object's place: with other attributes altogether, or another colour."""
-    scene, rng = lawful.scene, lawful.rng
+    scene, rng, vocabulary = lawful.scene, lawful.rng, lawful.scene.world.vocabulary
     names = {o.name for o in scene.objects}
     for i, f in lawful.moments(CALM_FRAMES + (0 if math.isinf(frames) else int(frames))):
         old = scene.objects[i]
-        color = rng.choice([c for c in COLORS if c != old.color])
-        material, shape = old.material, old.shape
-        if size == 0:
-            material = rng.choice([m for m in MATERIALS if m != old.material])
-            shape = rng.choice([s for s in SHAPES if s != old.shape])
-        new = SceneObject(len(scene.objects), color, material, shape)
+        new = SceneObject(len(scene.objects), old.color, old.material, old.shape)
+        for kind in NAMES if size == 0 else ("color",):
+            others = [word for word in vocabulary.words[kind] if word != getattr(old, kind)]
+            new = replace(new, **{kind: rng.choice(others)}) if others else new
         if new.name in names:
             continue
         end, changed = scene.n_frames if math.isinf(frames) else f + int(frames), scene
         if size == 0:
-            tilt = math.pi / 2 if shape == "cylinder" else 0.0
-            body = replace(lawful.body(i, f), shape=shape, orientation=(tilt, 0.0, 0.0), angular_velocity=(0.0,) * 3)
-            changed = lawful.resumed(f, {i: body})
+            shape = vocabulary.shape(new.shape)
+            x, y, z = lawful.body(i, f).location_world
+            place = x, y, z + shape.height_world - lawful.shapes[i].height_world
+            turned = (math.pi / 2 if shape.solid == "cylinder" else 0.0, 0.0, 0.0)
+            body = replace(lawful.body(i, f), shape=new.shape, material=new.material, location_world=place)
+            changed = lawful.resumed(f, {i: replace(body, orientation=turned, angular_velocity=(0.0,) * 3)})
         doubled: dict[str, Any] = {name: getattr(changed.motion, name) for name in STATES}
         doubled = {name: np.concatenate([values, values[i : i + 1]]) for name, values in doubled.items()}
         contacts = [_renamed(c, i, new.id) if f <= c.frame < end else c for c in changed.motion.contacts]
@@ -165,10 +189,11 @@ def _inertia(lawful: LawfulScene, change: float, _: int) -> BrokenScene | None:
 
 def _friction(lawful: LawfulScene, deceleration: float, _: int) -> BrokenScene | None:
     """The ground brakes an object more than it can."""
-    gravity = lawful.simulator.world.physics.gravity
-    for i, f in lawful.moments(SLIDING_FRAMES, 2 * MOVING_SPEED):
-        body = lawful.body(i, f)
-        rough = replace(body, friction=GROUND_FRICTION[body.shape] + deceleration / gravity)
+    world = lawful.scene.world
+    for i, f in lawful.moments(SLIDING_FRAMES, 2 * MOVING_SPEED * world.scales.speed):
+        body, material = lawful.body(i, f), world.vocabulary.material(lawful.scene.objects[i].material)
+        usual = lawful.shapes[i].friction * material.friction
+        rough = replace(body, friction=usual + deceleration / world.physics.gravity)
         scene, end = lawful.resumed(f, {i: rough}), lawful.scene.n_frames
         hits = [c.frame for c in scene.motion.contacts if i in c.bodies and c.frame > f]
         if min([end, *hits]) - f >= SLIDING_FRAMES:
@@ -178,7 +203,7 @@ def _friction(lawful: LawfulScene, deceleration: float, _: int) -> BrokenScene |
 
 def _solidity(lawful: LawfulScene, distance: float, size: int) -> BrokenScene | None:
     """Two objects pass through each other."""
-    least = [0.0, *AMOUNTS["solidity"]][size]
+    least = 0.0 if size == 0 else amount_in(lawful.scene.world, "solidity", SIZES[size - 1])
     for c in lawful.collisions():
         start = c.frame - BEFORE
         scene = lawful.resumed(start, {}, passing=c.bodies)
@@ -186,7 +211,7 @@ def _solidity(lawful: LawfulScene, distance: float, size: int) -> BrokenScene | 
         path = scene.motion.location_world[:, start : start + 3 * CALM_FRAMES, :2]
         gap = np.linalg.norm(path[i] - path[j], axis=-1)
         if least <= gap.min() < distance and lawful.is_calm(scene, c.bodies, start):
-            inside = start + np.flatnonzero(gap < 2 * OBJECT_RADIUS_WORLD)
+            inside = start + np.flatnonzero(gap < lawful.shapes[i].half_width_world + lawful.shapes[j].half_width_world)
             if len(inside):
                 found = lawful.violation(
                     "solidity", c.bodies, int(inside[0]), int(inside[-1]) + 1, gap.min(), "world units"
@@ -197,6 +222,8 @@ def _solidity(lawful: LawfulScene, distance: float, size: int) -> BrokenScene | 
 
 def _reaction(lawful: LawfulScene, restitution: float, size: int) -> BrokenScene | None:
     """Two objects rebound faster than they can; or one rebounds as if from a wall, while the other moves on unchanged."""
+    world = lawful.scene.world
+    least_speed = MIN_CLOSING_SPEED * world.scales.speed
     for c in lawful.collisions():
         f, first = c.frame + 1, c.frame - 1
         before, now, after = ([lawful.body(i, at) for i in c.bodies] for at in (first, f, c.frame + AFTER))
@@ -204,7 +231,7 @@ def _reaction(lawful: LawfulScene, restitution: float, size: int) -> BrokenScene
         normal = changes[0] / max(float(np.linalg.norm(changes[0])), 1e-9)
         closing = float(np.subtract(before[1].velocity, before[0].velocity) @ normal)
         apart = float(np.subtract(after[0].velocity, after[1].velocity) @ normal)
-        if closing < MIN_CLOSING_SPEED or apart < MIN_RESTITUTION * closing:
+        if closing < least_speed or apart < MIN_RESTITUTION * closing:
             continue
         wall = size == 0 and lawful.rng.random() < 0.5
         if wall:
@@ -213,7 +240,10 @@ def _reaction(lawful: LawfulScene, restitution: float, size: int) -> BrokenScene
         else:
             pushes = [change * (1 + restitution) / (1 + apart / closing) for change in changes]
         # When they touch: both moved at the velocities before it, then at those after it.
-        seconds, places = (f - first) * FRAME_SECONDS, [lawful.scene.motion.location_world[i, first] for i in c.bodies]
+        seconds, places = (
+            (f - first) * world.physics.frame_seconds,
+            [lawful.scene.motion.location_world[i, first] for i in c.bodies],
+        )
         late = [
             np.subtract(n.location_world, p) - seconds * np.asarray(a.velocity)
             for n, p, a in zip(now, places, after, strict=True)
@@ -270,7 +300,7 @@ def _standstill(lawful: LawfulScene, frames: float, _: int) -> BrokenScene | Non
     """The picture stands still for some frames, although an object should move."""
     scene, total = lawful.scene, lawful.scene.motion.location_world.shape[1]
     more = int(frames) - 1
-    for _i, f in lawful.moments(CALM_FRAMES, MOVING_SPEED):
+    for _i, f in lawful.moments(CALM_FRAMES, MOVING_SPEED * scene.world.scales.speed):
         if f + more + CALM_FRAMES >= scene.n_frames:
             continue
         shown = np.concatenate([np.arange(f), np.full(more, f), np.arange(f, total - more)])
