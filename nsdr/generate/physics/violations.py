@@ -126,10 +126,11 @@ def _identity(lawful: LawfulScene, frames: float, size: int) -> BrokenScene | No
     names = {o.name for o in scene.objects}
     for i, f in lawful.moments(CALM_FRAMES + (0 if math.isinf(frames) else int(frames))):
         old = scene.objects[i]
-        new = SceneObject(len(scene.objects), old.color, old.material, old.shape)
-        for kind in NAMES if size == 0 else ("color",):
-            others = [word for word in vocabulary.words[kind] if word != getattr(old, kind)]
-            new = replace(new, **{kind: rng.choice(others)}) if others else new
+        words = {kind: getattr(old, kind) for kind in NAMES}
+        for kind in NAMES if size == 0 else NAMES[:1]:
+            others = [word for word in vocabulary.words[kind] if word != words[kind]]
+            words[kind] = rng.choice(others) if others else words[kind]
+        new = SceneObject(len(scene.objects), **words)
         if new.name in names:
             continue
         end, changed = scene.n_frames if math.isinf(frames) else f + int(frames), scene
@@ -154,8 +155,8 @@ def _identity(lawful: LawfulScene, frames: float, size: int) -> BrokenScene | No
         replaced = np.zeros(changed.motion.location_world.shape[1], bool)
         replaced[f:last] = True
         changed = without(without(changed, [i], replaced), [new.id], ~replaced)
-        words = differing_words(old.name.split(), new.name.split())
-        return changed, lawful.violation("identity", [i, new.id], f, end, words, "words")
+        differing = differing_words(old.name.split(), new.name.split())
+        return changed, lawful.violation("identity", [i, new.id], f, end, differing, "words")
     return None
 
 
