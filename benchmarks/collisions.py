@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 from benchmarks.shared import RealScene, add_real_scenes, load_default, parser_of, percent, real_scenes
 from nsdr import Event
 from nsdr.dynamics.physics.collision_search import CollisionEvidence, CollisionSearch, search_collisions
-from nsdr.world.physics_constants import SAME_EVENT_FRAMES
+from nsdr.types.events import SAME_EVENT_FRAMES
 
 AROUND_FRAMES = 15
 """Frames on each side of a collision in which the hidden share is measured."""

@@ -24,9 +24,8 @@ from nsdr.generate.physics.scene import SimulatedScene, scene_without, simulate_
 from nsdr.generate.scene_files import truth_document
 from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.tracking.visibility import in_image
-from nsdr.types.events import enter_exit_events
+from nsdr.types.events import SAME_EVENT_FRAMES, enter_exit_events
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
 AFTER, WITHOUT = "after the video", "without an object"
 NAMES = {"in": "entrances", "out": "exits"}

@@ -43,8 +43,8 @@ from nsdr.rewards import evidence
 from nsdr.symbolic.phrases import attribute_words
 from nsdr.symbolic.program import Program
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import FPS
 from nsdr.world.vocabulary import CLEVRER
+from nsdr.world.world import CLEVRER_WORLD
 
 FIRST_SEED = 550000
 """Seed of the first scene."""
@@ -126,8 +126,8 @@ def texts(scene: Scene, question: Question, other: Question, rng: random.Random)
     observed = [f"Frame {e.frame}: {them} {verbs[e.kind]}." for e, them in zip(scene.events, who, strict=True)]
 
     def in_seconds(text: str) -> str:
-        text = re.sub(r"Frame (\d+):", lambda found: f"At {int(found[1]) / FPS:.1f} s:", text)
-        return re.sub(r"frame (\d+)", lambda found: f"{int(found[1]) / FPS:.1f} s", text)
+        text = re.sub(r"Frame (\d+):", lambda found: f"At {int(found[1]) / CLEVRER_WORLD.timeline.fps:.1f} s:", text)
+        return re.sub(r"frame (\d+)", lambda found: f"{int(found[1]) / CLEVRER_WORLD.timeline.fps:.1f} s", text)
 
     def shuffled(text: str) -> str:
         return re.sub(r"(?<=rame )\d+", lambda _: str(rng.randint(0, last)), text)

@@ -35,7 +35,7 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.device import PRECISIONS, available_cores, limit_threads
 from nsdr.io.video import read_video
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import CLEVRER
 
 TIMED_FRAMES = 64
 """Frames in a round of the parser."""
@@ -58,7 +58,7 @@ class ParserAsNetwork(nn.Module):
         encoded = [{"size": size, "counts": counts} for counts in found.masks or ()]
         masks = [rle.decode(mask) for mask in encoded]
         x0, y0, width, height = rle.toBbox(encoded).reshape(-1, 4).T
-        combinations = len(COLORS) * len(MATERIALS) * len(SHAPES)
+        combinations = len(CLEVRER.words["color"]) * len(CLEVRER.words["material"]) * len(CLEVRER.words["shape"])
         return {
             "boxes": torch.tensor(np.stack([x0, y0, x0 + width, y0 + height], 1), dtype=torch.float32),
             "scores": torch.tensor(found.score, dtype=torch.float32),

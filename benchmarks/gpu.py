@@ -39,7 +39,7 @@ from nsdr.io.device import available_cores, resolve_device
 from nsdr.io.files import atomic_path
 from nsdr.io.fingerprint import code_revision
 from nsdr.io.video import read_frames
-from nsdr.world.physics_constants import VIDEO_FRAMES
+from nsdr.world.world import CLEVRER_WORLD
 
 TARGET = 400
 """Frames per second from video to answer that one GPU should reach."""
@@ -116,7 +116,7 @@ def video_to_answer(setting: Setting, workers: int, batch_size: int) -> Result:
             begin = time.perf_counter()
             nsdr("evaluate", *arguments, "--keep-going", watch=watch if on_gpu else None)
             seconds.append(time.perf_counter() - begin)
-    rate = (many - few) * VIDEO_FRAMES / (seconds[1] - seconds[0])
+    rate = (many - few) * CLEVRER_WORLD.timeline.frames / (seconds[1] - seconds[0])
     done = json.loads(report.read_text())
     text = f"{rate:.0f} frames/s (target {TARGET}; {few} videos in {seconds[0]:.0f} s, {many} in {seconds[1]:.0f} s)"
     memory = f"; {max(used) / GIB:.1f} GiB of the GPU in use" if on_gpu else ""

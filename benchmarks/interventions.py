@@ -43,16 +43,18 @@ from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.scene_files import truth_document
 from nsdr.tracking.tracker import tracks_from_annotation
 from nsdr.tracking.visibility import in_image
+from nsdr.types.events import SAME_EVENT_FRAMES
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD, SAME_EVENT_FRAMES, VIDEO_FRAMES, horizon_frame
-from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import CLEVRER
 from nsdr.world.world import CLEVRER_WORLD
 
+COLORS, MATERIALS, SHAPES = CLEVRER.words.values()
+RADIUS_WORLD = CLEVRER_WORLD.vocabulary.shapes[0].radius_world
 LAST_START = 80
 """Interventions are at frame 0 to this one."""
 CALM_FRAMES = 5
 """No two objects collide so soon before or after an intervention."""
-FREE_WORLD = 2.9 * OBJECT_RADIUS_WORLD
+FREE_WORLD = 2.9 * RADIUS_WORLD
 """Distance of placed objects from all others: cubes do not overlap at any yaw."""
 AIM_DEGREES = 12.0
 """Standard deviation of headings from the direction to another object."""
@@ -60,7 +62,7 @@ NUDGE_WORLD = 0.001
 """Standard deviation of the shift of nudged objects (world units): a 400th of their width."""
 RUNS = 30
 """Runs from known states, as many as the backend makes."""
-END = horizon_frame(VIDEO_FRAMES) + 1
+END = CLEVRER_WORLD.timeline.horizon_frame(CLEVRER_WORLD.timeline.frames) + 1
 ANY_FRAME = 10**6
 TRIES = 200
 SOURCES = ("known states", "fitted to the video", "Bullet, nudged")
@@ -189,7 +191,7 @@ def by_bullet(
             del rows[i], shapes[i]
         elif isinstance(change, Add):
             turn = (math.pi / 2 if change.shape == "cylinder" else 0.0, 0.0, change.yaw)
-            place, velocity = (change.x, change.y, OBJECT_RADIUS_WORLD), (change.vx, change.vy, 0.0)
+            place, velocity = (change.x, change.y, RADIUS_WORLD), (change.vx, change.vy, 0.0)
             rows[i] = np.array([*place, *turn, *velocity, 0.0, 0.0, 0.0, change.mass])
         elif isinstance(change, SetMass):
             rows[i][12] *= change.factor

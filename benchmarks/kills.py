@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nsdr.io.ledger import LEDGER, read_ledger
-from nsdr.world.physics_constants import VIDEO_FRAMES
+from nsdr.world.world import CLEVRER_WORLD
 
 SHORT_FRAMES = 40
 """Frames of each video of the data set whose generation is killed; those that other commands read have CLEVRER's 128."""
@@ -134,7 +134,7 @@ def generation(output: str, videos: int, frames: int) -> list[str]:
 
 def prepare(data: Path, videos: int) -> None:
     """The data set, and what the trainings and the experiment read."""
-    run([*generation("set", videos, VIDEO_FRAMES), "--workers", str(WORKERS)], data)
+    run([*generation("set", videos, CLEVRER_WORLD.timeline.frames), "--workers", str(WORKERS)], data)
     frames = ("-o", "frames", "--every", "16")
     run(["data", "frames", "set/videos", "--proposals", "set/derender_proposals", *frames], data)
     run(["data", "motion", "set", "--split", "train", "-o", "motion"], data)

@@ -35,8 +35,7 @@ from nsdr.dynamics.physics.collision_search import search_collisions
 from nsdr.dynamics.track_smoothing import SmoothedTracks, border_depths, smooth_tracks
 from nsdr.io.files import find_files
 from nsdr.tracking.localization import MAX_RATIO, TYPICAL_RATIO, size_ratio
-from nsdr.types.events import enter_exit_events
-from nsdr.world.physics_constants import SAME_EVENT_FRAMES
+from nsdr.types.events import SAME_EVENT_FRAMES, enter_exit_events
 
 LISTED_FRAMES = 2
 """Errors of more frames are listed."""

@@ -58,7 +58,6 @@ from nsdr.io.jobs import Job, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.symbolic import Executor
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import MOVING_SPEED_WORLD_PER_S
 from nsdr.world.vocabulary import CLEVRER
 from nsdr.world.world import CLEVRER_WORLD
 
@@ -178,7 +177,9 @@ def by_default(
             continue
         place, velocity = observed.location_world[:, course.start], physics.velocity_world_per_s[:, course.start]
         for k, t in enumerate(true_id):
-            is_moving = t in course.kept and np.hypot(*course.states[t, 6:8]) > MOVING_SPEED_WORLD_PER_S
+            is_moving = (
+                t in course.kept and np.hypot(*course.states[t, 6:8]) > CLEVRER_WORLD.physics.moving_speed_world_per_s
+            )
             if is_moving and np.isfinite([place[k], velocity[k]]).all():
                 errors["position"].append(math.dist(place[k], course.states[t, 0:2]))
                 errors["velocity"].append(math.dist(velocity[k], course.states[t, 6:8]))

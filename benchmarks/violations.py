@@ -47,8 +47,9 @@ from nsdr.laws.motion import Evidence, cut_motion
 from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals
+from nsdr.types.events import SAME_EVENT_FRAMES
 from nsdr.world.camera import CLEVRER_CAMERA, HEIGHT_PX, WIDTH_PX
-from nsdr.world.physics_constants import FPS, SAME_EVENT_FRAMES
+from nsdr.world.world import CLEVRER_WORLD
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -204,7 +205,7 @@ def judged_part(kind: float, item: tuple[VideoProposals, int]) -> Judgement:
 def at_rate(proposals: VideoProposals, fps: float) -> tuple[VideoProposals, NDArray[np.float64]]:
     """The proposals of a video of another rate, and how late each frame is."""
     p, late, taken = proposals, np.zeros(proposals.n_frames), dict[int, float]()
-    for time in np.arange(0, p.n_frames - 1 + 1e-6, FPS / fps).tolist():
+    for time in np.arange(0, p.n_frames - 1 + 1e-6, CLEVRER_WORLD.timeline.fps / fps).tolist():
         frame = int(np.ceil(time - 0.5 - 1e-6))
         if frame not in taken or abs(time - frame) < abs(late[frame]):
             taken[frame], late[frame] = time, time - frame

@@ -26,7 +26,7 @@ $(RUNS)/motion/truth.json.gz: $(DATA)/statistics.md
 	$(NSDR) data motion $(DATA) --split train -o $(@D)
 
 $(OUTPUT)/frame_parser.json: $(RUNS)/frames/world.json
-	$(NSDR) train frame-parser --config second --frames $(<D) --initial default --run-dir $(RUNS)/frame_parser --output $(@D) $(TRY)
+	$(NSDR) train frame-parser --config world --frames $(<D) --run-dir $(RUNS)/frame_parser --output $(@D) $(TRY)
 
 $(OUTPUT)/collisions.json: $(RUNS)/motion/truth.json.gz
 	$(NSDR) train collisions --config collisions --proposals $(<D)/proposals.npz --truth $< --run-dir $(RUNS)/collisions --output $(@D) $(TRY)

@@ -14,7 +14,7 @@ from nsdr.io.video import read_video, write_video
 from nsdr.pipeline import Perception
 from nsdr.symbolic import Executor
 from nsdr.tracking.localization import outline
-from nsdr.world.vocabulary import COLORS_RGB
+from nsdr.world.vocabulary import CLEVRER
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -94,7 +94,7 @@ def draw_frame(positions: list[tuple[str, str, str, float, float]]) -> tuple[np.
         polygon = np.round(outline(shape, x, y)).astype(np.int32)
         mask = np.zeros((320, 480), np.uint8)
         cv2.fillPoly(mask, [polygon], 1)
-        image[mask > 0] = COLORS_RGB[color]
+        image[mask > 0] = {c.word: c.srgb for c in CLEVRER.colors}[color]
         counts = rle.encode(np.asfortranarray(mask))["counts"].decode()
         segmentation = {"size": [320, 480], "counts": counts}
         annotation.append({"color": color, "material": material, "shape": shape, "segmentation": segmentation})

@@ -17,7 +17,7 @@ from nsdr.errors import DataError
 from nsdr.question_parser.tokenizer import decoder_tokens
 from nsdr.training.baselines import BaselineTask, BaselineTraining, train_baseline
 from nsdr.training.loop import LoopConfig
-from nsdr.world.vocabulary import CLEVRER, COLORS as VOCABULARY_COLORS
+from nsdr.world.vocabulary import CLEVRER
 
 from .test_baselines import SMALL
 
@@ -103,7 +103,7 @@ def test_colors_are_exchanged_in_features_words_programs_and_answers(folder, tmp
     assert "blue" not in vocabulary.words  # it occurs in answers alone, so nothing is exchanged
     assert all(e.colors == tuple(range(8)) for e in task.draw(8, np.random.default_rng(0), 0))
     vocabulary = replace(vocabulary, words=(*vocabulary.words, "blue"))
-    red, blue = VOCABULARY_COLORS.index("red"), VOCABULARY_COLORS.index("blue")
+    red, blue = CLEVRER.words["color"].index("red"), CLEVRER.words["color"].index("blue")
     colors = list(range(8))
     colors[red], colors[blue] = blue, red
     recoloring = Recoloring(vocabulary)

@@ -15,7 +15,7 @@ from nsdr.io.images import video_of
 from nsdr.io.video import read_video
 from nsdr.types.answers import ChoiceAnswer
 from nsdr.types.events import enter_exit_events
-from nsdr.world.physics_constants import horizon_frame
+from nsdr.world.world import CLEVRER_WORLD
 
 
 @pytest.fixture(scope="module")
@@ -417,7 +417,7 @@ class Stands:
     """A backend after which nothing moves."""
 
     def explain(self, states, collisions=None):
-        total = horizon_frame(states.n_frames) + 1
+        total = CLEVRER_WORLD.timeline.horizon_frame(states.n_frames) + 1
         location = np.repeat(states.location_world[:, :1], total, 1)
         rollout = nsdr.Rollout(location, np.ones(location.shape[:2], bool), ())
         return StoredExplanation(nsdr.types.DynamicsPrediction(states.objects, states.n_frames, rollout))

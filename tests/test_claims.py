@@ -17,9 +17,11 @@ from nsdr.claims.reading import read_sentence, written
 from nsdr.claims.verification import TOLERANCE_FRAMES
 from nsdr.generate.questions.candidates import descriptive_questions, multiple_choice_questions
 from nsdr.symbolic import Executor
-from nsdr.world.physics_constants import FPS
-from nsdr.world.vocabulary import CLEVRER, COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import CLEVRER
+from nsdr.world.world import CLEVRER_WORLD
 
+COLORS, MATERIALS, SHAPES = CLEVRER.words.values()
+FPS = CLEVRER_WORLD.timeline.fps
 N_FRAMES = 30
 
 

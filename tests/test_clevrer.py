@@ -23,12 +23,12 @@ from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.types import DynamicsPrediction
 from nsdr.types.events import collisions_in_view, enter_exit_events
 from nsdr.world import camera
-from nsdr.world.vocabulary import attribute_index, attributes_of
+from nsdr.world.vocabulary import CLEVRER
 
 
 def test_attribute_index_and_back() -> None:
-    assert attribute_index("gray", "metal", "cube") == 0
-    assert [attribute_index(*attributes_of(i)) for i in range(48)] == list(range(48))
+    assert CLEVRER.index("gray", "metal", "cube") == 0
+    assert [CLEVRER.index(*CLEVRER.triple(i)) for i in range(48)] == list(range(48))
 
 
 def test_camera_looks_at_the_origin() -> None:

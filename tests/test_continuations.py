@@ -28,7 +28,7 @@ from nsdr.io.video import even_frames, frame_rate, write_video
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.types import VideoProposals
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.vocabulary import COLORS, attribute_index, attributes_of
+from nsdr.world.vocabulary import CLEVRER
 
 CUT, RUNS, SEED = 32, 6, 595009
 """The scene has collisions of known objects after the cut."""
@@ -188,12 +188,12 @@ def test_exact_masks_show_the_truth() -> None:
 def test_an_object_that_changes_after_the_cut_has_not_kept_its_identity(words: int) -> None:
     given, i = proposals(), truth().known[0]
     o = scene().objects[i]
-    old = attribute_index(o.color, o.material, o.shape)
-    color = next(c for c in COLORS if c not in {p.color for p in scene().objects})
+    old = CLEVRER.index(o.color, o.material, o.shape)
+    color = next(c for c in CLEVRER.words["color"] if c not in {p.color for p in scene().objects})
     other = {"cube": "sphere", "sphere": "cylinder", "cylinder": "cube"}
     material = "metal" if o.material == "rubber" else "rubber"
-    new = attribute_index(color, *((o.material, o.shape) if words == 1 else (material, other[o.shape])))
-    assert len(set(attributes_of(new)) - set(attributes_of(old))) == words
+    new = CLEVRER.index(color, *((o.material, o.shape) if words == 1 else (material, other[o.shape])))
+    assert len(set(CLEVRER.triple(new)) - set(CLEVRER.triple(old))) == words
     attribute = np.where((given.frame_index >= CUT) & (given.attribute == old), new, given.attribute)
     share = truth().asked[i].sum() / truth().asked.sum()
     assert values(seen(replace(given, attribute=attribute)))["identity"] == pytest.approx(1 - share, abs=0.03)

@@ -21,14 +21,13 @@ from nsdr.tracking.tracker import track
 from nsdr.tracking.visibility import in_image
 from nsdr.types import DynamicsPrediction, SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA, on_ground
-from nsdr.world.physics_constants import FRAME_SECONDS, horizon_frame
 from nsdr.world.shapes import extent, surface_points
-from nsdr.world.vocabulary import CLEVRER, SHAPES
+from nsdr.world.vocabulary import CLEVRER
 from nsdr.world.world import CLEVRER_WORLD
 
 from .test_frame_parser import BLUE, GREEN, RED, as_proposals, moving
 
-LAWS = {shape: law_of(SceneObject(0, "red", "metal", shape), CLEVRER_WORLD) for shape in SHAPES}
+LAWS = {shape: law_of(SceneObject(0, "red", "metal", shape), CLEVRER_WORLD) for shape in CLEVRER.words["shape"]}
 
 SMALL = PropNetConfig(hidden=16)
 
@@ -98,7 +97,7 @@ def test_a_hidden_object_is_not_reliable() -> None:
 
 def test_prediction_has_every_rollout_and_keeps_the_observed_motion(predictor: PropNetPredictor) -> None:
     prediction = explained(predictor, tracks())
-    assert prediction.observed.location_world.shape == (3, horizon_frame(40) + 1, 2)
+    assert prediction.observed.location_world.shape == (3, CLEVRER_WORLD.timeline.horizon_frame(40) + 1, 2)
     assert not np.isnan(prediction.observed.location_world).any()
     assert set(prediction.counterfactual) == {0, 1, 2}
     for removed, rollout in prediction.counterfactual.items():
@@ -255,7 +254,7 @@ def test_objects_with_friction_stop_and_stay() -> None:
 def test_free_sliding_is_fitted_through_noise_and_outliers() -> None:
     rng = np.random.default_rng(0)
     frames = np.arange(40)
-    distance, _ = slide(LAWS["cylinder"], np.array(2.0), frames * FRAME_SECONDS)
+    distance, _ = slide(LAWS["cylinder"], np.array(2.0), frames * CLEVRER_WORLD.physics.frame_seconds)
     positions = np.array([-1.0, 0.5]) + distance[:, None] * np.array([0.6, 0.8]) + rng.normal(size=(40, 2)) * 0.006
     positions[10:14] += 0.3
     stretch = fit_stretch(LAWS["cylinder"], frames, positions, np.ones(40))
@@ -276,7 +275,9 @@ def states_of(shape: str, positions: np.ndarray, seen: np.ndarray) -> MotionStat
 
 def test_a_resting_object_has_no_speed_until_it_is_hit() -> None:
     rng = np.random.default_rng(1)
-    distance, _ = slide(LAWS["cube"], np.array(0.5), np.maximum(np.arange(128) - 50, 0) * FRAME_SECONDS)
+    distance, _ = slide(
+        LAWS["cube"], np.array(0.5), np.maximum(np.arange(128) - 50, 0) * CLEVRER_WORLD.physics.frame_seconds
+    )
     positions = np.stack([distance, 0 * distance], 1) + rng.normal(size=(128, 2)) * 0.005
     motion = smooth_tracks(states_of("cube", positions, np.ones(128, bool)), [Event("collision", 50, (0, 1))])
     moving = np.linalg.norm(motion.velocity_world_per_s[0], axis=1) > 0.02
@@ -303,7 +304,7 @@ def boxed_states(shape: str, positions: np.ndarray, seen: np.ndarray, box_xyxy_p
     [("sphere", 0.0, 0.0), ("cylinder", 0.0, 1.0), *(("cube", yaw, 0.6) for yaw in (0.0, 0.5, 0.8, 1.2))],
 )
 def test_objects_enter_and_exit_with_the_first_and_last_bit_of_their_outline(shape: str, yaw: float, x: float) -> None:
-    distance, _ = slide(LAWS[shape], np.array(2.8), np.arange(128) * FRAME_SECONDS)
+    distance, _ = slide(LAWS[shape], np.array(2.8), np.arange(128) * CLEVRER_WORLD.physics.frame_seconds)
     positions = np.stack([x + 0 * distance, -3.2 + distance], 1)  # from the left to the right
     shown = in_image(shape, on_ground(positions), np.full(128, yaw))
     first, last = np.flatnonzero(shown)[[0, -1]]
@@ -338,7 +339,7 @@ def test_an_object_whose_box_shrinks_at_the_border_leaves_although_the_fit_rests
 
 
 def test_masks_that_are_cut_at_the_top_do_not_delay_an_entrance() -> None:
-    distance, _ = slide(LAWS["sphere"], np.array(2.8), np.arange(128) * FRAME_SECONDS)
+    distance, _ = slide(LAWS["sphere"], np.array(2.8), np.arange(128) * CLEVRER_WORLD.physics.frame_seconds)
     positions = np.stack([distance - 8, 0 * distance], 1)
     shown = in_image("sphere", on_ground(positions), np.zeros(128))
     first = int(shown.argmax())

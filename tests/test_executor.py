@@ -16,8 +16,9 @@ from nsdr.clevrer.files.questions import read_questions
 from nsdr.symbolic import format_trace, format_tree
 from nsdr.symbolic.causal import ancestor_sets, causal_path, direct_causes
 from nsdr.symbolic.probabilities import SIMULATED_DOUBT
-from nsdr.world.vocabulary import COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import CLEVRER
 
+COLORS, MATERIALS, SHAPES = CLEVRER.words.values()
 RED_CUBE = "objects red filter_color cube filter_shape unique"
 BLUE = "objects blue filter_color unique"
 GREEN = "objects green filter_color unique"

@@ -33,7 +33,7 @@ from nsdr.io.configuration import parse_config
 from nsdr.io.reading import read_json
 from nsdr.io.video import spaced, write_video
 from nsdr.types import VideoProposals
-from nsdr.world.vocabulary import CLEVRER, COLORS
+from nsdr.world.vocabulary import CLEVRER
 
 from .conftest import draw_frame
 from .second_device import second_device
@@ -454,7 +454,7 @@ def test_recolored_features_of_the_truth_are_those_of_the_recolored_video(tmp_pa
     colors = (3, 0, 2, 1, 7, 6, 4, 5)
     found = recolored(truth_features(annotation, config), colors, 13)
     for thing in annotation["object_property"]:
-        thing["color"] = COLORS[colors[COLORS.index(thing["color"])]]
+        thing["color"] = CLEVRER.words["color"][colors[CLEVRER.words["color"].index(thing["color"])]]
     expected = truth_features(annotation, config)
     for kind, value in expected.items():
         np.testing.assert_array_equal(found[kind], value, err_msg=kind)

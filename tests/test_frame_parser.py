@@ -32,7 +32,7 @@ from nsdr.training.loop import LoopConfig, train_part
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
 from nsdr.world.layout import Layout
 from nsdr.world.physics import Timeline
-from nsdr.world.vocabulary import Color, Material, Shape, Vocabulary, attribute_index
+from nsdr.world.vocabulary import CLEVRER, Color, Material, Shape, Vocabulary
 from nsdr.world.world import CLEVRER_WORLD, World
 
 TINY = FrameParserConfig(
@@ -114,7 +114,7 @@ def test_videos_with_proposals_become_frames(tmp_path, tiny_frames) -> None:
     videos, proposals = tmp_path / "videos", tmp_path / "proposals"
     write_video(videos / "video_00007.mp4", [image] * 20)
     rows = [
-        (f, attribute_index(o["color"], o["material"], o["shape"]), 1.0, o["segmentation"]["counts"])
+        (f, CLEVRER.index(o["color"], o["material"], o["shape"]), 1.0, o["segmentation"]["counts"])
         for f in range(20)
         for o in record["objects"]
     ]
@@ -423,7 +423,7 @@ def as_proposals(rows, n_frames: int = 40) -> VideoProposals:
     )
 
 
-RED, BLUE, GREEN = (attribute_index(c, "rubber", "sphere") for c in ("red", "blue", "green"))
+RED, BLUE, GREEN = (CLEVRER.index(c, "rubber", "sphere") for c in ("red", "blue", "green"))
 
 
 def test_tracks_follow_objects_and_bridge_gaps() -> None:
@@ -464,7 +464,7 @@ def test_rare_and_uncertain_identities_are_dropped() -> None:
 
 def test_a_tracklet_that_goes_over_to_another_object_is_cut() -> None:
     """The second object appears where the first one is hidden, and the link between frames takes it for the first."""
-    other = attribute_index("green", "metal", "sphere")
+    other = CLEVRER.index("green", "metal", "sphere")
     rows = moving(range(60), RED, 50, 2) + moving(range(60, 75), other, 50, 2)
     video = track(as_proposals(rows, 75))
     assert [(t.object.color, int(t.frame_index[0]), len(t.frame_index)) for t in video.tracks] == [
@@ -479,7 +479,7 @@ def test_a_tracklet_that_goes_over_to_another_object_is_cut() -> None:
 
 def test_an_object_that_enters_is_one_whatever_it_was_taken_for_at_first() -> None:
     """Half outside at the top, far from the camera: a wider box shifts the place by more than objects move."""
-    metal = attribute_index("red", "metal", "sphere")
+    metal = CLEVRER.index("red", "metal", "sphere")
     rows = [(f, metal, 0.99, (358.0, 9.0), [343, 1, 373, 17]) for f in range(14)]
     rows += [(f, RED, 0.99, (359.0, 10.0), [343, 1, 375, 24]) for f in range(14, 60)]
     video = track(as_proposals(rows, 60))

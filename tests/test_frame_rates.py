@@ -18,12 +18,12 @@ from nsdr.tracking.localization import outline
 from nsdr.tracking.speeds import speed_notes
 from nsdr.tracking.tracker import track
 from nsdr.types import SceneObject, Track, VideoTracks
-from nsdr.world.physics_constants import FRAME_SECONDS
-from nsdr.world.vocabulary import attribute_index
+from nsdr.world.vocabulary import CLEVRER
+from nsdr.world.world import CLEVRER_WORLD
 
 from .test_dynamics import LAWS
 
-RED, BLUE, GREEN = (attribute_index(c, "rubber", "sphere") for c in ("red", "blue", "green"))
+RED, BLUE, GREEN = (CLEVRER.index(c, "rubber", "sphere") for c in ("red", "blue", "green"))
 
 
 def detections(frames, attribute: int, x0: float, speed: float, y: float = 0.0):
@@ -89,7 +89,7 @@ def test_a_given_threshold_holds_without_a_stride() -> None:
 @pytest.mark.parametrize("stride", [1, 3, 12])
 def test_speeds_are_fitted_at_any_stride(stride: int) -> None:
     frames = every(stride)
-    distance = slide(LAWS["sphere"], np.array(1.2), frames * FRAME_SECONDS)[0]
+    distance = slide(LAWS["sphere"], np.array(1.2), frames * CLEVRER_WORLD.physics.frame_seconds)[0]
     location = np.stack([np.zeros(len(frames)), distance], 1)
     box = np.tile([200, 100, 230, 130], (len(frames), 1))
     centre = np.tile([215.0, 115.0], (len(frames), 1))
@@ -97,7 +97,7 @@ def test_speeds_are_fitted_at_any_stride(stride: int) -> None:
     states = states_from_tracks(VideoTracks(128, (Track(sphere, frames, location, centre, box, np.ones(len(frames))),)))
     assert states.spacing_frames == stride
     smoothed = smooth_tracks(states, [])
-    true = slide(LAWS["sphere"], np.array(1.2), np.arange(128) * FRAME_SECONDS)
+    true = slide(LAWS["sphere"], np.array(1.2), np.arange(128) * CLEVRER_WORLD.physics.frame_seconds)
     assert smoothed.location_world[0, :, 1] == pytest.approx(true[0], abs=1e-3)
     assert smoothed.velocity_world_per_s[0, :, 1] == pytest.approx(true[1], abs=1e-3)
 

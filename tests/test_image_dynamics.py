@@ -29,7 +29,7 @@ from nsdr.training import dynamics
 from nsdr.training.loop import LoopConfig
 from nsdr.training.patch_dynamics import ImagePropNetTask
 from nsdr.training.track_task import DynamicsTraining
-from nsdr.world.physics_constants import VIDEO_FRAMES
+from nsdr.world.world import CLEVRER_WORLD
 from tests.conftest import draw_frame
 from tests.second_device import second_device
 from tests.test_devices import step
@@ -42,7 +42,7 @@ KINDS = (("red", "metal", "sphere"), ("blue", "rubber", "cube"))
 def write_scene(root: Path, index: int) -> None:
     """A video of a red sphere that runs into a resting blue cube, its masks and its annotation."""
     images, proposals, motion = [], [], []
-    for f in range(VIDEO_FRAMES):
+    for f in range(CLEVRER_WORLD.timeline.frames):
         moved = min(f, COLLISION_FRAME) * 0.04
         places = [(-1.9 + moved, 0.1 * index), (0.1 + 0.02 * max(f - COLLISION_FRAME, 0), 0.1 * index)]
         image, drawn = draw_frame([(*kind, x, y) for kind, (x, y) in zip(KINDS, places, strict=True)])
@@ -93,7 +93,7 @@ def scene(root: Path):
 def test_patches_show_each_object_alone_at_its_place(root) -> None:
     video, proposals, tracks, states = scene(root)
     patches = object_patches(VideoPixels(read_frames(video), proposals, tracks), states, SMALL)
-    assert patches.shape == (2, VIDEO_FRAMES, 4, 24, 24)
+    assert patches.shape == (2, CLEVRER_WORLD.timeline.frames, 4, 24, 24)
     for i, o in enumerate(states.objects):
         red, _, blue, mask = patches[i, 60].astype(float)
         assert (red.sum() > blue.sum()) == (o.color == "red")

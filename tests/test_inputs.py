@@ -35,8 +35,8 @@ from nsdr.io.video import (
 from nsdr.laws.judge import judge_proposals as judge
 from nsdr.tracking.localization import outline
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import FRAME_SECONDS
-from nsdr.world.vocabulary import attribute_index
+from nsdr.world.vocabulary import CLEVRER
+from nsdr.world.world import CLEVRER_WORLD
 
 from .test_dynamics import LAWS
 
@@ -399,7 +399,7 @@ def test_repeated_frames_of_another_size_are_processed_once(tmp_path, looked_at)
 
 def sliding(n_frames: int, processed: np.ndarray, late: np.ndarray) -> VideoProposals:
     """A sphere that slides lawfully, as seen `late` frames after the processed ones."""
-    place = -2.0 + slide(LAWS["sphere"], np.array(2.0), (processed + late) * FRAME_SECONDS)[0]
+    place = -2.0 + slide(LAWS["sphere"], np.array(2.0), (processed + late) * CLEVRER_WORLD.physics.frame_seconds)[0]
     boxes, centres = [], []
     for y in place:
         polygon = outline("sphere", 0.0, float(y), camera=CLEVRER_CAMERA)
@@ -407,7 +407,7 @@ def sliding(n_frames: int, processed: np.ndarray, late: np.ndarray) -> VideoProp
         boxes.append(np.round([*low, *high]).astype(int))
         centres.append((low + high) / 2)
     n = len(processed)
-    words = np.full(n, attribute_index("red", "metal", "sphere"))
+    words = np.full(n, CLEVRER.index("red", "metal", "sphere"))
     area = np.full(n, 900)
     return VideoProposals(
         n_frames, processed, words, np.ones(n), np.array(centres), area, np.array(boxes), None, processed

@@ -29,7 +29,7 @@ from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.types import LAWS, Judgement, VideoProposals, VideoTracks, Violation
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.vocabulary import attribute_index
+from nsdr.world.world import CLEVRER_WORLD
 
 SEEDS = {
     "permanence": 330000,
@@ -207,8 +207,8 @@ def test_a_new_look_is_reported_where_it_begins_however_long_it_is_seen(changes:
     name = track(proposals).tracks[0].object.name
     color, *others = name.split()
     other = " ".join(("red" if color != "red" else "blue", *others))
-    mine = (proposals.attribute == attribute_index(*name.split())) & (proposals.frame_index >= changes)
-    attribute = np.where(mine, attribute_index(*other.split()), proposals.attribute)
+    mine = (proposals.attribute == CLEVRER_WORLD.vocabulary.index(*name.split())) & (proposals.frame_index >= changes)
+    attribute = np.where(mine, CLEVRER_WORLD.vocabulary.index(*other.split()), proposals.attribute)
     (found,) = judge(replace(proposals, attribute=attribute)).violations
     assert (found.law, found.looks) == ("identity", (name, other))
     assert abs(found.frame - changes) <= 2
@@ -293,8 +293,10 @@ def test_what_turns_up_was_there_before_with_other_words_at_a_stride(words, law:
     arrays = {f.name: getattr(whole, f.name) for f in fields(whole) if f.name != "object"}
     later = replace(whole, **{name: values[whole.frame_index >= 40] for name, values in arrays.items()})
     if words:
-        mine = proposals.attribute == attribute_index(*whole.object.name.split())
-        proposals = replace(proposals, attribute=np.where(mine, attribute_index(*words), proposals.attribute))
+        mine = proposals.attribute == CLEVRER_WORLD.vocabulary.index(*whole.object.name.split())
+        proposals = replace(
+            proposals, attribute=np.where(mine, CLEVRER_WORLD.vocabulary.index(*words), proposals.attribute)
+        )
     turns_up = Evidence("permanence", (0,), 40, 40, 39, "frames", 9.0)
     (found,) = renamed([turns_up], replace(tracks, tracks=(later,)), proposals, np.arange(128) % 2 == 0)
     assert found.law == law

@@ -22,7 +22,6 @@ from nsdr.tracking.tracker import track, tracks_from_annotation
 from nsdr.tracking.visibility import hidden_sides
 from nsdr.types import SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.world import CLEVRER_WORLD, World
 
 from .test_dynamics import LAWS
@@ -193,7 +192,7 @@ def test_all_that_follows_from_tracks_uses_their_camera(tmp_path) -> None:
                 }
             ]
         }
-        for distance in slide(LAWS["cube"], np.array(1.2), np.arange(40) * FRAME_SECONDS)[0]
+        for distance in slide(LAWS["cube"], np.array(1.2), np.arange(40) * CLEVRER_WORLD.physics.frame_seconds)[0]
     ]
     cube = {"object_id": 0, "color": "red", "material": "metal", "shape": "cube"}
     seen = tracks_from_annotation({"object_property": [cube], "motion_trajectory": frames}, World(camera=OTHER))

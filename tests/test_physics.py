@@ -27,7 +27,6 @@ from nsdr.dynamics.velocity_events import VelocityEvents, collisions_from_motion
 from nsdr.io.checkpoint import find_checkpoint
 from nsdr.types import DynamicsPrediction, Rollout, SceneObject, Track, VideoTracks
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.physics_constants import FRAME_SECONDS
 from nsdr.world.world import CLEVRER_WORLD
 
 from .test_dynamics import tracks
@@ -359,9 +358,9 @@ def test_what_was_seen_briefly_is_known_less_exactly() -> None:
 
     noise = config.position_noise_world
     for i, n in ((0, 60), (2, 10)):
-        velocity = noise / (FRAME_SECONDS * np.sqrt(n * (n**2 - 1) / 12))
+        velocity = noise / (CLEVRER_WORLD.physics.frame_seconds * np.sqrt(n * (n**2 - 1) / 12))
         assert scale(errors[:, i, 0, VELOCITY]) == pytest.approx(velocity, rel=0.15)
-        last = np.hypot(noise / np.sqrt(n), velocity * FRAME_SECONDS * (n - 1) / 2)
+        last = np.hypot(noise / np.sqrt(n), velocity * CLEVRER_WORLD.physics.frame_seconds * (n - 1) / 2)
         assert scale(errors[:, i, -1, POSITION]) == pytest.approx(last, rel=0.2)
     assert not errors[:, 1, :, VELOCITY].any()  # it rests
     assert scale(errors[:, 1, 0, POSITION]) == pytest.approx(noise / np.sqrt(60), rel=0.15)

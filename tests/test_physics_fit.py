@@ -26,7 +26,7 @@ from nsdr.dynamics.physics.solver import trust_region_step
 from nsdr.dynamics.physics.trajectory_fit import REBOUND_DEVIATION, _Problem, fit_trajectories
 from nsdr.dynamics.sliding import slide_one
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.vocabulary import CLEVRER, SHAPES
+from nsdr.world.vocabulary import CLEVRER
 from nsdr.world.world import CLEVRER_WORLD
 
 from .test_dynamics import LAWS
@@ -72,7 +72,7 @@ def problem_near(name: str) -> tuple[_Problem, np.ndarray]:
     return problem, x + 0.3 * np.random.default_rng(2).normal(size=len(x))
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", CLEVRER.words["shape"])
 @pytest.mark.parametrize(("speed", "seconds"), [(2.8, 0.7), (0.2, 3.0), (1.0, -0.4)])
 def test_the_law_of_sliding_knows_its_derivatives(shape: str, speed: float, seconds: float) -> None:
     law, step = LAWS[shape], 1e-5

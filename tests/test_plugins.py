@@ -19,7 +19,7 @@ from nsdr.cli.main import main
 from nsdr.dynamics import BACKENDS
 from nsdr.io.registry import Registry
 from nsdr.io.video import read_video
-from nsdr.world.vocabulary import attributes_of
+from nsdr.world.world import CLEVRER_WORLD
 
 from .test_layouts import INDEX, LAYOUTS, write_layout
 
@@ -161,7 +161,7 @@ def test_the_documented_detector_makes_proposals_of_another_detectors_masks(shor
     rows = zip(expected.frame_index, expected.attribute, expected.score, expected.masks, strict=True)
     for frame, attribute, score, counts in rows:
         mask = rle.decode({"size": [320, 480], "counts": counts.encode()}).astype(bool)
-        arrays[int(frame)].append((attributes_of(int(attribute)), float(score), mask))
+        arrays[int(frame)].append((CLEVRER_WORLD.vocabulary.triple(int(attribute)), float(score), mask))
     of_frame = iter(arrays.values())
     detector = defined("detector")["MyDetector"](lambda frame: next(of_frame))
     proposals = detector.parse(frames)

@@ -29,8 +29,10 @@ from nsdr.generate.statistics import RELEASED_QUESTIONS, count_questions
 from nsdr.language.slots import Slot, with_filters
 from nsdr.language.texts import clevrer
 from nsdr.world.camera import Camera
-from nsdr.world.vocabulary import CLEVRER, COLORS, MATERIALS, SHAPES
+from nsdr.world.vocabulary import CLEVRER
 from nsdr.world.world import CLEVRER_WORLD
+
+COLORS, MATERIALS, SHAPES = CLEVRER.words.values()
 
 
 @pytest.fixture(scope="module")

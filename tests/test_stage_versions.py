@@ -28,7 +28,7 @@ from nsdr.io.video import read_frames
 from nsdr.laws.judge import judge_proposals
 from nsdr.types import Event
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
-from nsdr.world.physics_constants import VIDEO_FRAMES
+from nsdr.world.world import CLEVRER_WORLD
 
 STORED = Path(__file__).with_name("stage_versions.json")
 TOLERANCE = {int: 1, float: 0.03}
@@ -72,7 +72,7 @@ def _physics() -> Any:
     """Of collisions after the video the pairs: their frames depend on the processor."""
     made = _perception().explanation.prediction
     rollouts = [made.observed, *(made.counterfactual[k] for k in sorted(made.counterfactual))]
-    collisions = [[[min(e.frame, VIDEO_FRAMES), *e.objects] for e in r.collisions] for r in rollouts]
+    collisions = [[[min(e.frame, CLEVRER_WORLD.timeline.frames), *e.objects] for e in r.collisions] for r in rollouts]
     return [collisions, _places(made.observed.location_world, (0, 60, 120))]
 
 

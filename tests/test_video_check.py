@@ -118,7 +118,7 @@ def test_other_videos_are_out(clip, change, reason: str) -> None:
         (lambda f: (0.5 * f).astype(np.uint8), "darker than CLEVRER's videos by 6"),
         (lambda f: np.minimum(1.3 * f, 255).astype(np.uint8), "brighter"),
         (lambda f: (80 + 0.4 * f).astype(np.uint8), "% of the contrast"),
-        (lambda f: (f * [1, 1, 0.9]).astype(np.uint8), "tinted red"),
+        (lambda f: (f * [1, 1, 0.9]).astype(np.uint8), "its tint is reddish"),
         (lambda f: noisy(f, 15), "noisy"),
         (lambda f: shaken(f, 1.5), "the camera moves, by"),
         (lambda f: captioned(f), "a caption, logo or other marks"),

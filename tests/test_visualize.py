@@ -29,7 +29,7 @@ from nsdr.visualize.figures import figure_png, new_figure, plan_figure
 from nsdr.visualize.html_parts import thumbnail
 from nsdr.visualize.violations import JudgedVideo, judged_video, judgement_html, write_judgements
 from nsdr.world.camera import CLEVRER_CAMERA
-from nsdr.world.vocabulary import COLORS
+from nsdr.world.vocabulary import CLEVRER
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +167,7 @@ def test_report_of_a_video_with_one_object_and_of_a_scene_with_none(perceived, t
 
 
 def test_plan_shows_all_objects_and_collisions_with_their_names() -> None:
-    objects = tuple(SceneObject(i, color, "metal", "cube") for i, color in enumerate(COLORS[:6]))
+    objects = tuple(SceneObject(i, color, "metal", "cube") for i, color in enumerate(CLEVRER.words["color"][:6]))
     places = [(0, 0), (0.05, 0.3), (0.1, -0.3), (5.5, 0), (-6, 1), (0, 7.5)]
     location = np.tile(np.array(places, float)[:, None], (1, 60, 1))
     collisions = (Event("collision", 20, (0, 1)), Event("collision", 22, (0, 2)))

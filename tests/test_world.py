@@ -1,5 +1,6 @@
 """Worlds as values and as files."""
 
+import ast
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -207,3 +208,16 @@ def test_pipelines_refuse_worlds_whose_physics_they_do_not_know() -> None:
     with pytest.raises(DataError, match=r"the frame parser was trained on .*; .* world mine has? "):
         Pipeline.from_pretrained(config=PipelineConfig(world=MINE))
     assert Pipeline(*[Part()] * 3, world=MINE).world == MINE  # type: ignore[list-item]
+
+
+def test_no_word_of_clevrers_is_in_the_code_outside_of_its_world_and_its_files() -> None:
+    known = {word for words in Vocabulary().words.values() for word in words} - {
+        "sphere",
+        "cylinder",
+    }  # these are solids, too
+    paths = sorted(Path("nsdr").rglob("*.py"))
+    others = [path for path in paths if path.parts[1] not in ("world", "clevrer")]
+    assert 100 < len(others) < len(paths)
+    for path in others:
+        for node in ast.walk(ast.parse(path.read_text())):
+            assert not (isinstance(node, ast.Constant) and node.value in known), f"{path}:{node.lineno}: {node.value}"

@@ -22,10 +22,9 @@ from nsdr.io.device import resolve_device
 from nsdr.tracking.tracker import TrackerConfig, detected_attributes, track
 from nsdr.types import Event, VideoProposals, VideoTracks
 from nsdr.validation import FloatArray
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
-from nsdr.world.vocabulary import attributes_of, differing_words
+from nsdr.world.vocabulary import CLEVRER, differing_words
 
-SAME_OBJECT_WORLD = 2 * OBJECT_RADIUS_WORLD
+SAME_OBJECT_WORLD = CLEVRER.shapes[0].size_world[0]
 """A track is an object of the truth if their median distance in the given frames is below this, the width of an object (world
 units)."""
 OTHER_WORD_WORLD = 0.1
@@ -109,7 +108,7 @@ def _ids(tracks: VideoTracks, words: Sequence[int], truth: TrueFuture) -> dict[i
             shared = distance[i][np.isfinite(distance[i])]
             if len(shared) and np.median(shared) < SAME_OBJECT_WORLD:
                 cost[i, k] = np.median(shared) + OTHER_WORD_WORLD * differing_words(
-                    o.name.split(), attributes_of(words[k])
+                    o.name.split(), CLEVRER.triple(words[k])
                 )
     finite = np.where(np.isfinite(cost), cost, 1e3)  # so that there is an assignment
     return {int(i): int(k) for i, k in zip(*linear_sum_assignment(finite), strict=True) if np.isfinite(cost[i, k])}
@@ -181,7 +180,7 @@ def _meetings(location_world: FloatArray, cut: int) -> list[Event]:
     """Collisions of pairs in the first frame in which their centres are nearer than the width of an object."""
     events = []
     for i, j in combinations(range(len(location_world)), 2):
-        near = np.linalg.norm(location_world[i] - location_world[j], axis=-1) < 2 * OBJECT_RADIUS_WORLD
+        near = np.linalg.norm(location_world[i] - location_world[j], axis=-1) < SAME_OBJECT_WORLD
         if near.any():
             events.append(Event("collision", cut + int(near.argmax()), (i, j)))
     return events

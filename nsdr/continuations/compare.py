@@ -42,7 +42,6 @@ from nsdr.io.video import RATE_TOLERANCE, frame_rate
 from nsdr.pipeline import Perception, Pipeline, PipelineConfig
 from nsdr.types import VideoProposals
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.physics_constants import FPS
 from nsdr.world.world import CLEVRER_WORLD
 
 MIN_FOLLOWING_FRAMES = 8
@@ -202,10 +201,11 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
     if any("mass" not in o for o in document["objects"]):
         raise DataError(f"{video.truth}: has no masses, which Bullet needs")
     rate = settings.pipeline.video.fps or frame_rate(video.generated)
-    if abs(rate - FPS) > RATE_TOLERANCE:
-        remedy = f"write it at {FPS}, or give --set video.fps={FPS} if its frames are those of the truth, one by one"
+    fps = CLEVRER_WORLD.timeline.fps
+    if abs(rate - fps) > RATE_TOLERANCE:
+        remedy = f"write it at {fps}, or give --set video.fps={fps} if its frames are those of the truth, one by one"
         raise VideoError(
-            f"{video.generated}: {rate:g} frames per second; expected {FPS}, the rate of the truth; {remedy}"
+            f"{video.generated}: {rate:g} frames per second; expected {fps}, the rate of the truth; {remedy}"
         )
     pipeline = worker_pipeline(settings.checkpoint, settings.pipeline, settings.device)
     view = view_of(settings.render, document["seed"])

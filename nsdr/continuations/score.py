@@ -10,8 +10,8 @@ import numpy as np
 from nsdr.clevrer.files.scenes import scene_from_truth
 from nsdr.types import Event, SceneObject
 from nsdr.types.arrays import ArrayHolder
+from nsdr.types.events import SAME_EVENT_FRAMES
 from nsdr.validation import Array, BoolArray, FloatArray, IntArray
-from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 from nsdr.world.world import CLEVRER_WORLD
 
 Sums = dict[str, Any]

@@ -7,7 +7,7 @@ import numpy as np
 from nsdr.dynamics.base import Dynamics
 from nsdr.dynamics.motion_states import MotionStates, first_frames
 from nsdr.types import Event
-from nsdr.world.physics_constants import SAME_EVENT_FRAMES
+from nsdr.types.events import SAME_EVENT_FRAMES
 
 
 def collision_scores(pairs: Iterable[tuple[Sequence[Event], Sequence[Event]]]) -> dict[str, float]:

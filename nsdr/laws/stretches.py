@@ -34,7 +34,7 @@ MIN_EXTRA = 0.08
 SPIN_RELIEF = 0.2
 """By how much the deceleration of a spinning object may be smaller, as friction acts against both motions (world units/s² for
 CLEVRER's friction). It is `MIN_EXTRA` at least."""
-CLEVRERS_FRICTION = CLEVRER.shape("cube").friction * CLEVRER_WORLD.physics.gravity
+CLEVRERS_FRICTION = CLEVRER.shapes[0].friction * CLEVRER_WORLD.physics.gravity
 """Deceleration of CLEVRER's cubes and cylinders by friction (world units/s²)."""
 MIN_OTHER_GROUND_FRAMES = 10
 """Shortest duration of sliding on another ground (frames). In less time its effect cannot be distinguished from a push. Chosen

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from nsdr.errors import DataError, ExecutionError
 from nsdr.types import Event, Scene, SetMass, SetVelocity
+from nsdr.types.events import SAME_EVENT_FRAMES
 from nsdr.types.interventions import Intervention, intervention_text
-from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 from nsdr.world.vocabulary import DIRECTIONS, STATIONARY
 
 Simulate = Callable[[Intervention, int], Sequence[Event]]

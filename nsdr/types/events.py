@@ -20,6 +20,8 @@ VERBS = {"in": "{} enters", "out": "{} exits", "collision": "{} and {} collide"}
 """What happens in each kind of event, with places for its objects."""
 NO_FRAME = -1
 """`Event.frame` of an event that is only possible. Rollouts and scenes hold events at frames only."""
+SAME_EVENT_FRAMES = 3
+"""Events of one kind and one pair that are at most so many frames apart are taken as the same event."""
 
 
 @dataclass(frozen=True)

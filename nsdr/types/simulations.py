@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 from nsdr.types.answers import percent
 from nsdr.types.arrays import ArrayHolder
-from nsdr.types.events import Event, event_sentence
+from nsdr.types.events import SAME_EVENT_FRAMES, Event, event_sentence
 from nsdr.types.interventions import Intervention, intervention_text
 from nsdr.types.scenes import Rollout, Scene
 from nsdr.types.tracks import SceneObject, check_objects
 from nsdr.validation import Checked, Count, PositiveCount, Share, expect
-from nsdr.world.physics_constants import SAME_EVENT_FRAMES
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nsdr.world.physics_constants import GROUND_HALF_WIDTH_WORLD, OBJECT_RADIUS_WORLD
+from nsdr.world.physics import Physics
+from nsdr.world.vocabulary import CLEVRER
 
 WIDTH_PX, HEIGHT_PX = 480, 320
 """Size of the released videos (pixels)."""
@@ -23,7 +24,9 @@ SENSOR_MM = 32.0
 MIN_HEIGHT_WORLD, MIN_ASIDE_WORLD = 0.5, 0.1
 """The camera's least height, and its least distance from the vertical through its target, where images have no upward direction
 (world units)."""
-FAR_WORLD = 2 * GROUND_HALF_WIDTH_WORLD
+CENTRE_WORLD = CLEVRER.shapes[0].height_world
+"""Height of the centres of CLEVRER's objects (world units)."""
+FAR_WORLD = 2 * Physics().table_half_width_world
 """The ground is looked at up to this depth: beyond, on the way to the horizon, there are no objects (world units)."""
 MIN_POINTS = 4
 """Least number of points from which a camera is found."""
@@ -164,7 +167,7 @@ class Camera:
     def far_row_px(self) -> float:
         """The image row, below the horizon, at which centres of objects on the ground are `FAR_WORLD` deep."""
         (x, y, z), (to_x, to_y, to_z) = self.eye_world, self.target_world
-        aside, above = math.hypot(to_x - x, to_y - y), z - OBJECT_RADIUS_WORLD
+        aside, above = math.hypot(to_x - x, to_y - y), z - CENTRE_WORLD
         tilt = math.atan2(to_z - z, aside)  # upwards
         return self.height / 2 + self.focal_px * (above / FAR_WORLD + math.sin(tilt)) / math.cos(tilt)
 
@@ -190,7 +193,7 @@ class Camera:
 
         Args:
             location_world: points (..., 3) as (x, y, z); or positions on the ground (..., 2) as (x, y), which stand for the
-                centres of objects there, `OBJECT_RADIUS_WORLD` high, so that `ground` is the inverse (world units).
+                centres of objects there, `CENTRE_WORLD` high, so that `ground` is the inverse (world units).
         """
         xyz = np.asarray(location_world, float)
         if xyz.shape[-1:] == (2,):
@@ -199,7 +202,7 @@ class Camera:
         depth = homogeneous[..., 2:]
         return homogeneous[..., :2] / np.where(depth > 0, depth, np.nan)
 
-    def ground(self, pixels: ArrayLike, z_world: float = OBJECT_RADIUS_WORLD) -> FloatArray:
+    def ground(self, pixels: ArrayLike, z_world: float = CENTRE_WORLD) -> FloatArray:
         """Pixels (..., 2) as (column, row) -> world (..., 2) as (x, y) at a height of `z_world`; NaN above the horizon."""
         p = np.asarray(pixels, float)
         plane = np.c_[self.matrix[:, :2], self.matrix[:, 2] * z_world + self.matrix[:, 3]]
@@ -327,7 +330,7 @@ def _expected_error(parameters: FloatArray, jacobian: FloatArray) -> float:
     return float(np.sqrt(np.median(variance[seen]))) if seen.any() else math.inf
 
 
-def on_ground(location_world: ArrayLike, height_world: ArrayLike = OBJECT_RADIUS_WORLD) -> FloatArray:
+def on_ground(location_world: ArrayLike, height_world: ArrayLike = CENTRE_WORLD) -> FloatArray:
     """Ground-plane positions (..., 2) -> centres (..., 3) of objects standing there, whose centres are so high (...)."""
     xy = np.asarray(location_world, float)
     return np.concatenate([xy, np.broadcast_to(height_world, xy.shape[:-1])[..., None]], -1)

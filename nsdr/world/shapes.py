@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from nsdr.world.physics_constants import OBJECT_RADIUS_WORLD
 from nsdr.world.vocabulary import CLEVRER, Shape
 
 FloatArray = NDArray[np.floating[Any]]
 
+RADIUS_WORLD = CLEVRER.shapes[0].radius_world
+"""Half the width of CLEVRER's objects (world units), which the lengths below belong to."""
 CUBE_EDGE_WORLD = 0.05
 """Width of a cube's rounded edge (world units)."""
 CUBE_EXPONENT = 3.0
@@ -61,7 +62,7 @@ def hull_vertices(shape: Shape | str) -> tuple[Vertex, ...]:
 
 def _box(shape: Shape) -> tuple[Vertex, ...]:
     halves = [edge / 2 for edge in shape.size_world]
-    round_ = CUBE_EDGE_WORLD * (min(halves) / OBJECT_RADIUS_WORLD)
+    round_ = CUBE_EDGE_WORLD * (min(halves) / RADIUS_WORLD)
     flat = [half - round_ for half in halves]
     angles = [math.pi / 2 * k / CUBE_STEPS for k in range(CUBE_STEPS + 1)]
     arc = [(max(math.cos(a), 0.0) ** (2 / CUBE_EXPONENT), math.sin(a) ** (2 / CUBE_EXPONENT)) for a in angles]
@@ -77,7 +78,7 @@ def _box(shape: Shape) -> tuple[Vertex, ...]:
 
 def _cylinder(shape: Shape) -> tuple[Vertex, ...]:
     r, half_height = shape.radius_world, shape.height_world
-    scale = min(r, half_height) / OBJECT_RADIUS_WORLD
+    scale = min(r, half_height) / RADIUS_WORLD
     rim = [(r, half_height - CYLINDER_WALL_END_WORLD * scale), (r - CYLINDER_RIM_WORLD * scale, half_height)]
     angles = [2 * math.pi * k / CYLINDER_SIDES for k in range(CYLINDER_SIDES)]
     return tuple(
@@ -90,7 +91,7 @@ def _cylinder(shape: Shape) -> tuple[Vertex, ...]:
 
 def _sphere(shape: Shape) -> tuple[Vertex, ...]:
     angles = [2 * math.pi * k / SPHERE_SIDES for k in range(SPHERE_SIDES)]
-    r = SPHERE_RADIUS_WORLD * (shape.radius_world / OBJECT_RADIUS_WORLD)
+    r = SPHERE_RADIUS_WORLD * (shape.radius_world / RADIUS_WORLD)
     latitudes = SPHERE_LATITUDES_DEGREES
     rings = [math.radians(sign * degrees) for degrees in latitudes for sign in ((1, -1) if degrees else (1,))]
     points = [

@@ -302,10 +302,6 @@ class Vocabulary(Checked):
 
 
 CLEVRER = Vocabulary()
-COLORS, MATERIALS, SHAPES = CLEVRER.words.values()
-COLORS_RGB = {color.word: color.srgb for color in CLEVRER.colors}
-"""sRGB (0-255) of each colour word."""
-attribute_index, attributes_of = CLEVRER.index, CLEVRER.triple
 
 
 def differing_words(words: Sequence[str], other: Sequence[str]) -> int:

@@ -28,8 +28,8 @@ from nsdr.world.camera import (
     on_ground,
     pixels_from_grid,
 )
-from nsdr.world.physics_constants import FRAME_SECONDS, MOVING_SPEED_WORLD_PER_S, VIDEO_FRAMES
 from nsdr.world.vocabulary import CLEVRER
+from nsdr.world.world import CLEVRER_WORLD
 
 __all__ = [
     "SAMPLE_FRAMES",
@@ -45,7 +45,7 @@ PREDICTED_SAMPLES = 12
 """Samples of the released files after the video."""
 NOTHING_REMOVED = -1
 """`what_if` of the prediction in which no object is removed."""
-SAMPLED_MOVING_SPEED_WORLD_PER_S = 5 * MOVING_SPEED_WORLD_PER_S
+SAMPLED_MOVING_SPEED_WORLD_PER_S = 5 * CLEVRER_WORLD.physics.moving_speed_world_per_s
 """Speed between samples above which an object counts as moving (world units/s): 5 times the threshold for true velocities,
 because sampled positions are rounded and come from masks."""
 
@@ -147,7 +147,7 @@ def read_predictions(path: str | Path) -> PredictionFile:
     return content
 
 
-def scene_from_predictions(content: PredictionFile, n_frames: int = VIDEO_FRAMES) -> Scene:
+def scene_from_predictions(content: PredictionFile, n_frames: int = CLEVRER_WORLD.timeline.frames) -> Scene:
     """The scene of a prediction file with the paper's semantics.
 
     Each frame takes visibility and motion from the latest sample, motion is measured on the ground, only the first collision
@@ -184,7 +184,7 @@ def _moving(grid: Any, seen: Any, times: Any) -> Any:
     """(n, S) bool, whether an object moves at a sample: the lower of its speeds from the previous and to the next sample,
     where it was seen in both, exceeds the threshold."""
     location = CLEVRER_CAMERA.ground(pixels_from_grid(grid))
-    seconds = np.diff(times)[:, None] * FRAME_SECONDS
+    seconds = np.diff(times)[:, None] * CLEVRER_WORLD.physics.frame_seconds
     speed = np.linalg.norm((location[:, 1:] - location[:, :-1]) / seconds, axis=-1)
     speed = np.where(seen[:, 1:] & seen[:, :-1], speed, np.inf)
     missing = np.full((len(grid), 1), np.inf)

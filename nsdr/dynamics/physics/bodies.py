@@ -102,7 +102,7 @@ def corner_world(shape: Shape) -> float:
 
 def edge_world(shape: Shape) -> float:
     """Width of the rounded edge of a box, as of its hull (world units)."""
-    return CUBE_EDGE_WORLD * (min(shape.size_world) / min(CLEVRER.shape("cube").size_world))
+    return CUBE_EDGE_WORLD * (min(shape.size_world) / min(CLEVRER.shapes[0].size_world))
 
 
 def outline_of(shape: Shape) -> FloatArray:

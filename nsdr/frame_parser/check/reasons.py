@@ -155,7 +155,7 @@ def _of_the_colors(ground: GroundFit) -> Iterator[Reason]:
         text = f"the colours of the background are not those of the empty scene (correlation {ground.color:.2f}; {meaning})"
         yield Reason(ground.color < FOREIGN_COLOR, text, unfit=True)
     elif abs(ground.tint) > MAX_TINT:
-        yield Reason(False, f"it is tinted {'red' if ground.tint > 0 else 'blue'}; colours may be wrong")
+        yield Reason(False, f"its tint is {'reddish' if ground.tint > 0 else 'bluish'}; colours may be wrong")
 
 
 def camera_motion(frames: NDArray[np.uint8]) -> float:
