@@ -3,12 +3,13 @@
 import json
 import re
 from itertools import combinations
+from pathlib import Path
 from time import process_time
 from typing import Any
 
 import pytest
 
-from nsdr import DataError, Scene, save
+from nsdr import DataError, Scene, read_world, save
 from nsdr.clevrer import read_questions, solution
 from nsdr.clevrer.example import QUESTIONS, TRUTH
 from nsdr.generate.export import reasoner
@@ -53,6 +54,20 @@ def test_open_questions_have_words() -> None:
     assert exact(completions, **given) == per_option(completions, **given) == [1, 0, 0]
 
 
+def test_answers_have_the_words_of_their_world(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_bytes(Path("configs/worlds/pucks.yaml").read_bytes())
+    for world in (read_world("pucks"), "pucks", tmp_path / "mine.yaml"):
+        assert exact(["It is a chip.", "<answer>cube</answer>"], ["<answer>chip</answer>"] * 2, [[], []], world) == [
+            1,
+            0,
+        ]
+        assert answer_format(["<answer>chip</answer>", "<answer>cube</answer>"], [[], []], world) == [1, 0]
+    scores = verl("", "<answer>orange</answer>", "<answer>orange</answer>", {"options": []}, world="pucks")
+    assert scores["score"] == scores["exact"] == 1
+    with pytest.raises(DataError, match=r"<answer>chip</answer>.* or give the world of the answers"):
+        exact(["chip"], ["<answer>chip</answer>"], [[]])
+
+
 def test_messages_are_read_like_texts() -> None:
     texts = ["<answer>A,C</answer>", "<answer>B</answer>"]
     messages = [[{"role": "assistant", "content": text}] for text in texts]
@@ -76,7 +91,7 @@ def test_the_form_is_one_pair_of_tags_at_the_end() -> None:
 def test_wrong_columns_are_refused() -> None:
     with pytest.raises(DataError, match="column solution: expected 2 values, one per completion, got 1"):
         exact(["", ""], ["<answer>red</answer>"], [[], []])
-    with pytest.raises(DataError, match=r"solution 'ruby': .*expected such as <answer>red</answer>"):
+    with pytest.raises(DataError, match=r"solution 'ruby': .*expected such as <answer>gray</answer>"):
         exact([""], ["ruby"], [[]])
     for name, value, message in (
         ("scene", None, r"column scene: has values that are null; expected .*nsdr export --scenes"),

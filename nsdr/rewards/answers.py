@@ -2,15 +2,22 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 from nsdr.clevrer.answers.responses import TAG, Response, read_response
 from nsdr.errors import DataError
+from nsdr.io.worlds import read_world
+from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.world import CLEVRER_WORLD, World
 
 Completion = str | Sequence[Mapping[str, Any]]
 """A text, or messages with `role` and `content`, as conversational data sets have them; the last message counts."""
 Options = Sequence[str]
 """Texts of a question's options; none for an open question."""
+WorldSource = World | str | Path
+"""A world, its file, or the name of one that ships; see `nsdr.read_world`. Files that were read are kept in memory."""
 EXPECTED = {
     "solution": "right answers, so leave out questions without one, such as those of the test split",
     "options": "texts of options",
@@ -23,7 +30,11 @@ _ENDS_WITH_TAGS = re.compile(r"<answer>.*</answer>\s*\Z", re.DOTALL)
 
 
 def exact(
-    completions: Sequence[Completion], solution: Sequence[str], options: Sequence[Options], **columns: Any
+    completions: Sequence[Completion],
+    solution: Sequence[str],
+    options: Sequence[Options],
+    world: WorldSource = CLEVRER_WORLD,
+    **columns: Any,
 ) -> list[float]:
     """1 where the answer is the right one, with all of its options, else 0; also 0 where no answer can be read.
 
@@ -31,23 +42,28 @@ def exact(
         completions: one per sample.
         solution: right answers in their tags, such as "<answer>A,C</answer>".
         options: of each question.
+        world: whose words answers have; `functools.partial(exact, world="my.yaml")` is the reward of another one.
         columns: other columns and what the trainer adds; not used.
 
     Raises:
-        DataError: the columns' lengths differ, a value is None, or a solution cannot be read.
+        DataError: the columns' lengths differ, a value is None, a solution cannot be read, or the world's file cannot.
     """
-    return [float(given.answer == right) for given, right, _ in read(completions, solution, options)]
+    return [float(given.answer == right) for given, right, _ in read(completions, solution, options, world)]
 
 
 def per_option(
-    completions: Sequence[Completion], solution: Sequence[str], options: Sequence[Options], **columns: Any
+    completions: Sequence[Completion],
+    solution: Sequence[str],
+    options: Sequence[Options],
+    world: WorldSource = CLEVRER_WORLD,
+    **columns: Any,
 ) -> list[float]:
     """The share of options that are judged rightly (0-1); an open question counts as one option.
 
     Where no answer can be read, it is 0. Arguments and errors are those of `exact`.
     """
     rewards = []
-    for given, right, n_options in read(completions, solution, options):
+    for given, right, n_options in read(completions, solution, options, world):
         if isinstance(given.answer, frozenset) and isinstance(right, frozenset):
             rewards.append(1 - len(given.answer ^ right) / n_options)
         else:
@@ -55,34 +71,47 @@ def per_option(
     return rewards
 
 
-def answer_format(completions: Sequence[Completion], options: Sequence[Options], **columns: Any) -> list[float]:
+def answer_format(
+    completions: Sequence[Completion], options: Sequence[Options], world: WorldSource = CLEVRER_WORLD, **columns: Any
+) -> list[float]:
     """1 where the completion ends with its only answer in `<answer>` tags, and it can be read, right or wrong; else 0.
 
     Arguments and errors are those of `exact`, without `solution`.
     """
-    rewards = []
+    rewards, vocabulary = [], _vocabulary_of(world)
     for completion, choices in rows(completions, options=options):
         text = text_of(completion)
-        readable = read_response(text, _checked(choices)).answer is not None
+        readable = read_response(text, _checked(choices), vocabulary).answer is not None
         rewards.append(float(readable and len(TAG.findall(text)) == 2 and _ENDS_WITH_TAGS.search(text) is not None))
     return rewards
 
 
 def read(
-    completions: Sequence[Completion], solution: Sequence[str], options: Sequence[Options]
+    completions: Sequence[Completion], solution: Sequence[str], options: Sequence[Options], world: WorldSource
 ) -> list[tuple[Response, str | frozenset[str], int]]:
     """Of each sample what was read, the right answer and the number of options."""
-    read = []
+    read, vocabulary = [], _vocabulary_of(world)
     for completion, right, choices in rows(completions, solution=solution, options=options):
         texts = _checked(choices)
         if not isinstance(right, str):
             raise DataError(f"column solution: expected texts, got {right!r:.60}")
-        expected = read_response(right, texts)
+        expected = read_response(right, texts, vocabulary)
         if expected.answer is None:
-            example = "expected such as <answer>red</answer> or <answer>A,C</answer>"
-            raise DataError(f"solution {right!r}: {expected.problem}; {example}")
-        read.append((read_response(text_of(completion), texts), expected.answer, len(texts)))
+            example = f"<answer>{vocabulary.colors[0].word}</answer> or <answer>A,C</answer>"
+            raise DataError(
+                f"solution {right!r}: {expected.problem}; expected such as {example}, or give the world of the answers"
+            )
+        read.append((read_response(text_of(completion), texts, vocabulary), expected.answer, len(texts)))
     return read
+
+
+def _vocabulary_of(world: WorldSource) -> Vocabulary:
+    return (world if isinstance(world, World) else _world_of(str(world))).vocabulary
+
+
+@lru_cache(maxsize=32)
+def _world_of(file_or_name: str) -> World:
+    return read_world(file_or_name)
 
 
 def rows(completions: Sequence[Completion], **columns: Sequence[Any]) -> Iterator[tuple[Any, ...]]:

@@ -61,19 +61,22 @@ def evidence(
         DataError: the columns' lengths differ, a value is None, or a solution or scene cannot be read.
         ProgramError: a program is not well-formed.
     """
-    answers = read(completions, solution, options)
-    samples = rows(completions, options=options, program=program, option_programs=option_programs, scene=scene)
+    given_columns = (solution, options, program, option_programs, scene)
+    names = ("solution", "options", "program", "option_programs", "scene")
     rewards: list[float | None] = []
-    for (given, right, _), (completion, texts, asked, choices, path) in zip(answers, samples, strict=True):
+    for completion, expected, texts, asked, choices, path in rows(
+        completions, **dict(zip(names, given_columns, strict=True))
+    ):
         if not isinstance(path, str | Path):
             raise DataError(f"column scene: expected paths, got {path!r:.60}")
+        known = read_scene(str(path))
+        ((given, right, _),) = read([completion], [expected], [texts], known.world)
         programs = [asked, *choices] if isinstance(choices, Sequence) else []
         if len(programs) != len(texts) + 1 or not all(isinstance(p, str | Sequence) for p in programs):
             raise DataError(
                 f"columns program, option_programs: expected programs of the question and its {len(texts)} options, "
                 f"got {asked!r:.60} and {choices!r:.60}"
             )
-        known = read_scene(str(path))
         needed = _needed(known, asked, list(zip(texts, choices, strict=True)), right)
         if not needed:
             rewards.append(None)

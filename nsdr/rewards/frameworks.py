@@ -6,8 +6,9 @@ from typing import Any, Literal, TypedDict
 
 from nsdr.errors import DataError
 from nsdr.io.reading import parse_json
-from nsdr.rewards.answers import Completion, Options, answer_format, exact, per_option
+from nsdr.rewards.answers import Completion, Options, WorldSource, answer_format, exact, per_option
 from nsdr.rewards.facts import evidence
+from nsdr.world.world import CLEVRER_WORLD
 
 AnswerReward = Literal["exact", "per_option"]
 """The rewards that need the solution and the options alone."""
@@ -25,6 +26,7 @@ def verl(
     ground_truth: str,
     extra_info: Mapping[str, Any],
     reward: AnswerReward | Literal["evidence"] = "per_option",
+    world: WorldSource = CLEVRER_WORLD,
     **other: Any,
 ) -> dict[str, float]:
     """verl's `compute_score` for one response; all numbers are logged, and `score` is the reward.
@@ -36,6 +38,7 @@ def verl(
         extra_info: `options`; for "evidence" also `program`, `option_programs` and `scene`.
         reward: which one is the `score`. Where `evidence` is None, the score is 0: it is None for all responses to a question,
             so that none of them has an advantage.
+        world: see `exact`.
         other: what verl adds; not used.
 
     Returns:
@@ -44,7 +47,7 @@ def verl(
     Raises:
         DataError: the ground truth cannot be read, or `extra_info` lacks a key.
     """
-    scores = _scores(solution_str, ground_truth, list(_column(extra_info, "options")))
+    scores = _scores(solution_str, ground_truth, list(_column(extra_info, "options")), world)
     if reward == "evidence":
         columns = {name: [_column(extra_info, name)] for name in ("options", "program", "option_programs", "scene")}
         (value,) = evidence([solution_str], [ground_truth], **columns)
@@ -53,13 +56,17 @@ def verl(
 
 
 def easyr1(
-    reward_inputs: Sequence[Mapping[str, Any]], reward: AnswerReward = "per_option", **other: Any
+    reward_inputs: Sequence[Mapping[str, Any]],
+    reward: AnswerReward = "per_option",
+    world: WorldSource = CLEVRER_WORLD,
+    **other: Any,
 ) -> list[dict[str, float]]:
     """EasyR1's `compute_score` for a batch; all numbers are logged, and `overall` is the reward.
 
     Args:
         reward_inputs: for each response, `response` and `ground_truth`, the JSON text of the column `answer`.
         reward: which one is `overall`.
+        world: see `exact`.
         other: what EasyR1 adds; not used.
 
     Returns:
@@ -71,21 +78,26 @@ def easyr1(
     scores = []
     for row in reward_inputs:
         known: _GroundTruth = parse_json(str(_column(row, "ground_truth")).encode(), "ground_truth", _GroundTruth)
-        found = _scores(_column(row, "response"), known["solution"], known["options"])
+        found = _scores(_column(row, "response"), known["solution"], known["options"], world)
         scores.append({"overall": found[reward], **found})
     return scores
 
 
 def video_r1(
-    completions: Sequence[Completion], solution: Sequence[str], options: Sequence[Options], **columns: Any
+    completions: Sequence[Completion],
+    solution: Sequence[str],
+    options: Sequence[Options],
+    world: WorldSource = CLEVRER_WORLD,
+    **columns: Any,
 ) -> list[float]:
     """`per_option` on the rows of Video-R1, whose options begin with their letters.
 
     Args:
-        completions, solution, columns: see `exact`.
+        completions, solution, world, columns: see `exact`.
         options: of each question, such as "A. The red cube exits the scene".
     """
-    return per_option(completions, solution, [[_LETTER.sub("", o, count=1) for o in texts] for texts in options])
+    without_letters = [[_LETTER.sub("", o, count=1) for o in texts] for texts in options]
+    return per_option(completions, solution, without_letters, world)
 
 
 def _orm(reward: Callable[..., Sequence[float | None]]) -> type:
@@ -109,9 +121,13 @@ SWIFT: Mapping[str, type] = {
 """Rewards by the names that ms-swift's `--reward_funcs` takes, for `swift.rewards.orms.update(SWIFT)` in a plugin."""
 
 
-def _scores(text: str, solution: str, options: Options) -> dict[str, float]:
-    (right,), (share,) = exact([text], [solution], [options]), per_option([text], [solution], [options])
-    return {"exact": right, "per_option": share, "format": answer_format([text], [options])[0]}
+def _scores(text: str, solution: str, options: Options, world: WorldSource) -> dict[str, float]:
+    one: Any = [text], [solution], [options], world
+    return {
+        "exact": exact(*one)[0],
+        "per_option": per_option(*one)[0],
+        "format": answer_format([text], [options], world)[0],
+    }
 
 
 def _column(row: Mapping[str, Any], name: str) -> Any:
