@@ -389,7 +389,7 @@ def test_a_sentence_of_several_worlds_is_not_read() -> None:
 
 
 def test_the_page_shows_what_its_code_prints() -> None:
-    page = (Path(__file__).parent.parent / "docs" / "rewards.md").read_text()
+    page = (Path(__file__).parent.parent / "docs" / "claims.md").read_text()
     names: dict[str, object] = {}
     shown = 0
     for code, output in re.findall(r"```python\n(.*?)```(?:[^`]*```text\n(.*?)```)?", page, re.DOTALL):

@@ -1,6 +1,6 @@
 """Answers told in sentences that can be checked: what happens at which frame, and what follows from it.
 
-Every sentence before the answer is a claim in the grammar of `docs/rewards.md`, which `nsdr.claims.verification` reads back.
+Every sentence before the answer is a claim in the grammar of `docs/claims.md`, which `nsdr.claims.verification` reads back.
 Each sentence is on a line of its own.
 """
 

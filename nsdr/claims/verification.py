@@ -84,7 +84,7 @@ class Verification:
 def verify(text: str, scene: Scene, tolerance_frames: int = TOLERANCE_FRAMES) -> Verification:
     """Find each claim of a text, and whether it holds.
 
-    A sentence is read as a whole or skipped (the grammar is in `docs/rewards.md`). Questions, options with letters and the
+    A sentence is read as a whole or skipped (the grammar is in `docs/claims.md`). Questions, options with letters and the
     content of answer tags are skipped. Two sorts of claims cannot be checked: those after a sentence that may open another
     course of events ("Suppose the cube is removed."), and those that the next sentence takes back ("Wait, that is wrong.").
 
