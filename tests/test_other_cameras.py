@@ -97,6 +97,17 @@ def test_a_camera_is_found_from_points(camera: Camera) -> None:
     np.testing.assert_allclose(found.ground(camera.pixels(places)), places, atol=0.06)
 
 
+def test_a_camera_of_wider_images_is_found_from_points() -> None:
+    camera = Camera((3.0, 0.5, 3.0), (0.0, 0.0, 0.0), 30.0, 640, 360)
+    for scale in (1, 3):
+        found, residual_px = Camera.from_points(scale * clicked(camera), MARKS, (640 * scale, 360 * scale), (640, 360))
+        assert residual_px < 1e-6
+        np.testing.assert_allclose(found.matrix, camera.matrix, rtol=1e-6, atol=1e-6)
+    for size_px, message in (((640, 400), "expected the aspect ratio 16:9, got 640x400"), ((0, 360), "above 0")):
+        with pytest.raises(ValueError, match=message):
+            Camera.from_points(clicked(camera), MARKS, size_px, (640, 360))
+
+
 def test_the_residual_is_the_distance_of_the_points_from_where_the_camera_sees_them() -> None:
     pixels = clicked(OTHER) + np.random.default_rng(1).normal(size=(9, 2))
     found, residual_px = Camera.from_points(pixels, MARKS)

@@ -6,7 +6,7 @@ World: z up, x towards the camera, y to the right of the image; object centres a
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -90,7 +90,11 @@ class Camera:
 
     @classmethod
     def from_points(
-        cls, pixels: ArrayLike, world_points: ArrayLike, size_px: tuple[int, int] = (WIDTH_PX, HEIGHT_PX)
+        cls,
+        pixels: ArrayLike,
+        world_points: ArrayLike,
+        size_px: tuple[int, int] = (WIDTH_PX, HEIGHT_PX),
+        images_px: tuple[int, int] = (WIDTH_PX, HEIGHT_PX),
     ) -> tuple["Camera", float]:
         """Find the camera that took an image from points whose places are known, such as marks on a table.
 
@@ -103,11 +107,12 @@ class Camera:
         Args:
             pixels: (N, 2) where the points are seen, as (column, row); there are four or more.
             world_points: (N, 2) the same points on the ground as (x, y), at z = 0; or (N, 3) as (x, y, z) (world units).
-            size_px: width and height of the image in which the points were seen, in the ratio 3:2.
+            size_px: width and height of the image in which the points were seen, in the ratio of `images_px`.
+            images_px: width and height of the world's images, to which frames are scaled.
 
         Returns:
-            The camera, for images scaled to 480x320, and the residual: the root mean squared distance between the points and
-            where the camera sees them (pixels of 480x320).
+            The camera, for images of that size, and the residual: the root mean squared distance between the points and where
+            the camera sees them (pixels of an image that is 480 wide).
 
         Raises:
             ValueError: there are too few points, they determine no camera, such as points on one line, no upright camera sees
@@ -116,7 +121,9 @@ class Camera:
         from scipy.optimize import least_squares
 
         seen, places = _checked_points(pixels, world_points)
-        seen = seen * image_scale(size_px, (WIDTH_PX, HEIGHT_PX))
+        to_images, scale = image_scale(size_px, images_px), WIDTH_PX / images_px[0]
+        seen = seen * to_images * scale
+        seen[:, 1] += (HEIGHT_PX - images_px[1] * scale) / 2  # the middle row is that of CLEVRER's images
         starts = list(_rolled_cameras(seen, places))
         if not starts:
             raise ValueError(
@@ -130,9 +137,9 @@ class Camera:
         if residual > MAX_RESIDUAL_PX:
             worst = int(off.argmax())
             raise ValueError(
-                f"points: no upright camera sees them there: they are {residual:.1f} pixels of 480x320 off (at most "
-                f"{MAX_RESIDUAL_PX:g}), the most, {off[worst]:.1f}, at point {worst}. Was it exchanged with another, does the "
-                f"lens distort, or is the camera rolled (by about {abs(roll_degrees):.0f} degrees; turn frames, masks and "
+                f"points: no upright camera sees them there: in an image 480 wide, they are {residual:.1f} pixels off "
+                f"(at most {MAX_RESIDUAL_PX:g}), the most, {off[worst]:.1f}, at point {worst}. Was it exchanged with another, does "
+                f"the lens distort, or is the camera rolled (by about {abs(roll_degrees):.0f} degrees; turn frames, masks and "
                 "points upright)?"
             )
         error = _expected_error(found.x, found.jac)
@@ -141,7 +148,7 @@ class Camera:
                 f"points: they do not determine the camera: clicked 1 pixel off, they would put objects {error:.2g} world "
                 f"units off (at most {MAX_ERROR_WORLD:g}); give points that are further apart, and not on one line"
             )
-        return _camera_of(found.x), residual
+        return replace(_camera_of(found.x), width=images_px[0], height=images_px[1]), residual
 
     @cached_property
     def axes(self) -> FloatArray:
@@ -230,8 +237,8 @@ def image_scale(given_px: tuple[int, int], wanted_px: tuple[int, int]) -> FloatA
         ValueError: the image has another aspect ratio; says how to crop it.
     """
     (width, height), (to_width, to_height) = given_px, wanted_px
-    if width <= 0 or height <= 0:
-        raise ValueError(f"image: expected a width and height above 0, got {width}x{height}")
+    if min(width, height, to_width, to_height) <= 0:
+        raise ValueError(f"image: expected widths and heights above 0, got {width}x{height} and {to_width}x{to_height}")
     if abs(height * to_width / width - to_height) > 1:
         wide = width * to_height > height * to_width
         kept = round(height * to_width / to_height) if wide else round(width * to_height / to_width)
