@@ -306,7 +306,6 @@ def test_without_any_score_the_command_fails(root, tmp_path, capsys) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: c.update(render={"fps": 10}), "its videos have 10 frames per second; expected 25"),
         (lambda c: c.update(render={"frames": 9}), "its videos show 9 frames of each scene"),
         (lambda c: c["scene"].update(physics={"gravity": -1}), r"manifest\.json: config\.scene\.physics: .*gravity"),
         (lambda c: c.clear(), r"manifest\.json: .*render"),

@@ -236,7 +236,7 @@ def test_the_camera_is_a_setting() -> None:
         pipeline_settings(overrides=["world.camera.eye_world=[1,2,0.1]"])
     with pytest.raises(DataError, match="trained on images of 480x320; those of the world CLEVRER have 640x320"):
         Pipeline.from_pretrained(config=PipelineConfig(world=World(camera=Camera(width=640))))
-    view = view_of(RenderConfig(camera=OTHER, width=240, height=160), 0)
+    view = view_of(RenderConfig(width=240, height=160), 0, World(camera=OTHER))
     assert view.camera == replace(OTHER, width=240, height=160)
 
 

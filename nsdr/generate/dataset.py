@@ -120,7 +120,6 @@ class DatasetConfig(Settings):
     def _check_world(self, world: World) -> None:
         """Raise `DataError` unless the scenes and the renderer fit the world."""
         self.scene.triples_in(world)
-        self.render.camera_in(world)
         self.render.size_in(world)
         if self.questions is not None:
             check_vocabulary(world.vocabulary)
@@ -366,7 +365,7 @@ def _write_files(
         else:
             preset = "slow"
             frames = _blender_frames(config.render, scene, view, shown.tolist())
-        write_video(files.video, frames, config.render.fps or world.timeline.fps, config.render.crf, preset)
+        write_video(files.video, frames, world.timeline.fps, config.render.crf, preset)
     if config.masks:
         write_json(files.proposals, proposal_document(scene, index, files.video.name, camera))
     if split != "test":

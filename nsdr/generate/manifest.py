@@ -11,7 +11,6 @@ from nsdr.errors import DataError
 from nsdr.generate.physics.bullet import BulletConfig
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.configuration import config_of
-from nsdr.io.worlds import world_in
 from nsdr.validation import Settings, convert
 
 Config = TypeVar("Config", bound=Settings)
@@ -38,17 +37,14 @@ def made_with(manifest: Mapping[str, Any], root: Path) -> tuple[BulletConfig, Re
         root: its folder.
 
     Raises:
-        DataError: the manifest has no valid options, or the videos show only some of the frames or have another frame rate.
+        DataError: the manifest has no valid options, or the videos show only some of the frames.
     """
     where = f"{root / 'manifest.json'}: "
-    config, world = convert(manifest, _Manifest, where).config, world_in(manifest, where)
+    config = convert(manifest, _Manifest, where).config
     physics = _known(BulletConfig, config.scene.physics, f"{where}config.scene.physics")
     render = _known(RenderConfig, config.render, f"{where}config.render")
     if render.frames:
         raise DataError(f"{root}: its videos show {render.frames} frames of each scene; make videos of all (frames: 0)")
-    fps = world.timeline.fps
-    if render.fps not in (None, fps):
-        raise DataError(f"{root}: its videos have {render.fps} frames per second; expected {fps}")
     return physics, render
 
 

@@ -138,9 +138,9 @@ class Camera:
             worst = int(off.argmax())
             raise ValueError(
                 f"points: no upright camera sees them there: in an image 480 wide, they are {residual:.1f} pixels off "
-                f"(at most {MAX_RESIDUAL_PX:g}), the most, {off[worst]:.1f}, at point {worst}. Was it exchanged with another, does "
-                f"the lens distort, or is the camera rolled (by about {abs(roll_degrees):.0f} degrees; turn frames, masks and "
-                "points upright)?"
+                f"(at most {MAX_RESIDUAL_PX:g}), the most, {off[worst]:.1f}, at point {worst}. Was it exchanged with another, "
+                f"does the lens distort, or is the camera rolled (by about {abs(roll_degrees):.0f} degrees; turn frames, masks "
+                "and points upright)?"
             )
         error = _expected_error(found.x, found.jac)
         if not error <= MAX_ERROR_WORLD:

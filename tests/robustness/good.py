@@ -128,7 +128,7 @@ def manifest() -> dict[str, Any]:
 
 def data_set_manifest() -> dict[str, Any]:
     """`manifest.json` of the data set with videos and truth files."""
-    config = {"seed": 0, "first_scene": 0, "render": {"width": 480, "height": 320, "fps": 25}}
+    config = {"seed": 0, "first_scene": 0, "render": {"width": 480, "height": 320}}
     return {**manifest(), "kinds": ["videos", "questions"], "config": config}
 
 

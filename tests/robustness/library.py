@@ -149,8 +149,7 @@ MANIFESTS: dict[str, Callable[[Any], object]] = {
     "no configuration": removed("config"), "configuration as list": replaced("config", []),
     "no rendering": removed("config", "render"), "rendering as text": replaced("config", "render", "x"),
     "width as text": replaced("config", "render", "width", "x"), "no width": replaced("config", "render", "width", 0),
-    "huge width": replaced("config", "render", "width", 10**9), "rate as text": replaced("config", "render", "fps", "x"),
-    "other rate": replaced("config", "render", "fps", 50),
+    "huge width": replaced("config", "render", "width", 10**9), "frames as text": replaced("config", "render", "frames", "x"),
     "jitter of nothing": replaced("config", "render", "camera_jitter", None),
     "NaN as jitter": replaced("config", "render", "camera_jitter", raw("NaN")),
 }  # fmt: skip

@@ -71,7 +71,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         "--scene.n-frames": ("0", "1000000"), "--scene.physics.restitution": ("1.5", "-0.1"),
         "--scene.participants": ("0", "1", "100"),
         "--questions.per-video": ("{zebra: 1}", "{count: -1}"), "--questions.max-options": ("0", "-1"),
-        "--render.width": ("0", "-2", "481", "100000"), "--render.fps": ("0", "-1"), "--render.crf": ("-1", "99"),
+        "--render.width": ("0", "-2", "481", "100000"), "--render.crf": ("-1", "99"),
         "--render.samples": ("0", "-1")}),
     "train": (TRAIN, {
         "--loop.steps": ("0", "-1", "x", "1.5"), "--loop.batch-size": ("0", "-1", "x"), "--loop.save-every": ("0", "-1"),

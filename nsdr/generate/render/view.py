@@ -14,18 +14,17 @@ from nsdr.world.world import CLEVRER_WORLD, World
 
 MIN_SIDE_PX = 16
 """Smallest image width and height."""
-MAX_FPS, MAX_CRF = 1000, 51
-"""Largest frame rate (1/s), and H.264's largest rate factor."""
+MAX_CRF = 51
+"""H.264's largest rate factor."""
 
 
 @dataclass(frozen=True)
 class RenderConfig(Settings):
-    """How scenes are rendered. What is null (None in Python) is the world's.
+    """How scenes are rendered. Camera, lamps and frame rate are the world's.
 
     Attributes:
-        width: image width (pixels).
-        height: image height (pixels).
-        camera: position, target and lens of the camera. Its image size is that of masks and annotations, CLEVRER's 480x320.
+        width: width of the video (pixels); null (None in Python) is the world's, as of masks and annotations always.
+        height: height of the video (pixels).
         camera_jitter: max shift of the camera along each axis (world units). CLEVR has 0.5, CLEVRER 0.
         light_jitter: max shift of each lamp along each axis (world units). CLEVR has 1.
         samples: Cycles samples per pixel, before denoising.
@@ -33,34 +32,17 @@ class RenderConfig(Settings):
             renderer "blender" needs.
         frames: number of frames in the video, evenly spaced from the first to the last; 0 for all. Annotations, masks and truth
             always have all frames.
-        fps: frame rate of the video (1/s).
         crf: H.264 constant rate factor; lower is better quality.
     """
 
     width: Annotated[int, Meta(ge=MIN_SIDE_PX, le=MAX_SIDE_PX)] | None = None
     height: Annotated[int, Meta(ge=MIN_SIDE_PX, le=MAX_SIDE_PX)] | None = None
-    camera: Camera | None = None
     camera_jitter: NotNegative = 0.0
     light_jitter: NotNegative = 0.0
     samples: Size = 6
     assets: str = ""
     frames: Count = 0
-    fps: Annotated[int, Meta(ge=1, le=MAX_FPS)] | None = None
     crf: Annotated[int, Meta(ge=0, le=MAX_CRF)] = 20
-
-    def camera_in(self, world: World) -> Camera:
-        """The camera in a world, with the image size of masks and annotations, which is the world's.
-
-        Raises:
-            DataError: the camera has another image size.
-        """
-        camera, size = self.camera or world.camera, (world.camera.width, world.camera.height)
-        if (camera.width, camera.height) != size:
-            raise DataError(
-                f"camera: expected images of {size[0]}x{size[1]}, the size of the world's, got "
-                f"{camera.width}x{camera.height}; width and height are the size of the video"
-            )
-        return camera
 
     def size_in(self, world: World) -> tuple[int, int]:
         """Width and height of the video in a world (pixels).
@@ -112,7 +94,7 @@ def view_of(config: RenderConfig, seed: int, world: World = CLEVRER_WORLD) -> Vi
     Args:
         config: rendering options.
         seed: of the scene.
-        world: the world that the scene is in; what the options leave out is the world's.
+        world: the world that the scene is in.
     """
     rng = random.Random(f"view {seed}")
 
@@ -120,7 +102,7 @@ def view_of(config: RenderConfig, seed: int, world: World = CLEVRER_WORLD) -> Vi
         x, y, z = (p + by * rng.uniform(-1, 1) for p in position)
         return x, y, z
 
-    camera, (width, height) = config.camera_in(world), config.size_in(world)
-    eye = shifted(camera.eye_world, config.camera_jitter)
+    width, height = config.size_in(world)
+    eye = shifted(world.camera.eye_world, config.camera_jitter)
     lamps = tuple(shifted((0.0, 0.0, 0.0), config.light_jitter) for _ in world.look.lamps)
-    return View(replace(camera, eye_world=eye, width=width, height=height), lamps, world)
+    return View(replace(world.camera, eye_world=eye, width=width, height=height), lamps, world)
