@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsdr import DataError, Event, Executor, QuestionError, Scene, VideoError
+from nsdr import DataError, Event, Executor, QuestionError, Scene, VideoError, read_world
 from nsdr.apps import menus, web
 from nsdr.apps.clips import KEPT_CLIPS, Clip, Clips
 from nsdr.apps.guard import Guard, delete_upload
@@ -24,6 +24,7 @@ from nsdr.clevrer.example import VIDEO
 from nsdr.clevrer.files.proposals import proposals_from_rows
 from nsdr.cli import serve
 from nsdr.cli.main import main
+from nsdr.dynamics.interventions import check_changes
 from nsdr.frame_parser import VideoConfig
 from nsdr.io.video import video_seconds, write_video
 from nsdr.pipeline import Perception
@@ -143,7 +144,7 @@ def test_interventions_of_menu_and_sliders(small_scene: Scene) -> None:
     new = menus.changed_objects("add", small_scene)
     assert len(new) == 48 - len(small_scene.objects)
     assert menus.intervention("add", new[0], [1, 2, -1, 0]) == Add(*new[0].split(), 1, 2, -1, 0)
-    for kind, change in menus.CHANGES.items():
+    for kind, change in menus.changes(small_scene.world).items():
         for slider in change.sliders:
             assert slider.low <= slider.start <= slider.high
         for end in ("low", "high", "start"):
@@ -152,7 +153,21 @@ def test_interventions_of_menu_and_sliders(small_scene: Scene) -> None:
                 menus.intervention(kind, "red rubber cube", numbers)
 
 
-@pytest.mark.parametrize("kind", menus.CHANGES)
+@pytest.mark.parametrize("name", ["clevrer", "pucks", "blocks"])
+def test_sliders_stay_within_their_world(name: str) -> None:
+    world = read_world(name)
+    for kind, change in menus.changes(world).items():
+        assert len(change.sliders) <= menus.MAX_SLIDERS
+        for slider in change.sliders:
+            assert slider.low <= slider.start <= slider.high
+        if kind in ("add", "other velocity"):
+            for end in ("low", "high", "start"):
+                numbers = [getattr(slider, end) for slider in change.sliders]
+                added = menus.intervention(kind, " ".join(world.vocabulary.triples[0]), numbers)
+                check_changes([added], world)
+
+
+@pytest.mark.parametrize("kind", menus.KINDS)
 def test_changes_need_an_object(kind: str) -> None:
     with pytest.raises(DataError, match="no object is chosen; pick or upload a clip"):
         menus.intervention(kind, None, [0.0] * 4)

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 
 from nsdr.errors import DataError
 from nsdr.types import Add, Event, Freeze, Move, Remove, Scene, SetMass, SetVelocity
 from nsdr.types.interventions import Intervention
-from nsdr.world.world import CLEVRER_WORLD
+from nsdr.world.world import CLEVRER_WORLD, World
 
 QUESTIONS = 3
 """Questions that are suggested at a time."""
@@ -103,45 +104,60 @@ def _added(name: str, *place_and_velocity: float) -> Add:
     return Add(color, material, shape, *place_and_velocity)
 
 
-PLACE, SPEED = CLEVRER_WORLD.max_position_world, CLEVRER_WORLD.max_speed_world_per_s
 X_AXIS, Y_AXIS = "towards the camera", "to the right"
-CHANGES = {
-    "remove": ChangeKind(Remove),
-    "heavier or lighter": ChangeKind(SetMass, (Slider("times the mass", 0.1, 10, 0.1, 3),)),
-    "faster, slower or back": ChangeKind(
-        lambda name, factor: SetVelocity(name, factor=factor), (Slider("times the velocity", -3, 3, 0.1, 2),)
-    ),
-    "other velocity": ChangeKind(
-        lambda name, speed, direction: SetVelocity(name, speed=speed, direction=direction),
-        (
-            Slider("speed (world units/s)", 0, SPEED, 0.1, 2.8),
-            Slider(f"direction (degrees: 0 {X_AXIS}, 90 {Y_AXIS})", -180, 180, 5, 0),
+MAX_SLIDERS = 4
+"""Most sliders of a kind of change."""
+
+
+@lru_cache
+def changes(world: World) -> dict[str, ChangeKind]:
+    """Every kind of change in a world, by the words of the menu. Lengths and speeds are in proportion to its sizes and speeds."""
+    place, top_speed, scales = world.max_position_world, world.max_speed_world_per_s, world.scales
+    shift, speed = (round(3 * scale, 1) for scale in (scales.size, scales.speed))
+    by, start, fast = round(0.5 * scales.size, 1), round(2 * scales.speed, 1), round(2.8 * scales.speed, 1)
+    far = min(round(2 * scales.size, 1), place)
+    return {
+        "remove": ChangeKind(Remove),
+        "heavier or lighter": ChangeKind(SetMass, (Slider("times the mass", 0.1, 10, 0.1, 3),)),
+        "faster, slower or back": ChangeKind(
+            lambda name, factor: SetVelocity(name, factor=factor), (Slider("times the velocity", -3, 3, 0.1, 2),)
         ),
-    ),
-    "move": ChangeKind(
-        lambda name, dx, dy: Move(name, dx=dx, dy=dy),
-        (Slider(f"by, {X_AXIS} (world units)", -3, 3, 0.1, 0.5), Slider(f"by, {Y_AXIS} (world units)", -3, 3, 0.1, 0)),
-    ),
-    "fix to the ground": ChangeKind(Freeze),
-    "add": ChangeKind(
-        _added,
-        (
-            Slider(f"place {X_AXIS} of the middle (world units)", -PLACE, PLACE, 0.1, 2),
-            Slider(f"place {Y_AXIS} of the middle (world units)", -PLACE, PLACE, 0.1, 0),
-            Slider(f"velocity {X_AXIS} (world units/s)", -3, 3, 0.1, -2),
-            Slider(f"velocity {Y_AXIS} (world units/s)", -3, 3, 0.1, 0),
+        "other velocity": ChangeKind(
+            lambda name, speed, direction: SetVelocity(name, speed=speed, direction=direction),
+            (
+                Slider("speed (world units/s)", 0, top_speed, 0.1, fast),
+                Slider(f"direction (degrees: 0 {X_AXIS}, 90 {Y_AXIS})", -180, 180, 5, 0),
+            ),
         ),
-        adds=True,
-    ),
-}
-"""Every kind by the words of the menu."""
-MAX_SLIDERS = max(len(change.sliders) for change in CHANGES.values())
+        "move": ChangeKind(
+            lambda name, dx, dy: Move(name, dx=dx, dy=dy),
+            (
+                Slider(f"by, {X_AXIS} (world units)", -shift, shift, 0.1, by),
+                Slider(f"by, {Y_AXIS} (world units)", -shift, shift, 0.1, 0),
+            ),
+        ),
+        "fix to the ground": ChangeKind(Freeze),
+        "add": ChangeKind(
+            _added,
+            (
+                Slider(f"place {X_AXIS} of the middle (world units)", -place, place, 0.1, far),
+                Slider(f"place {Y_AXIS} of the middle (world units)", -place, place, 0.1, 0),
+                Slider(f"velocity {X_AXIS} (world units/s)", -speed, speed, 0.1, -start),
+                Slider(f"velocity {Y_AXIS} (world units/s)", -speed, speed, 0.1, 0),
+            ),
+            adds=True,
+        ),
+    }
+
+
+KINDS = tuple(changes(CLEVRER_WORLD))
+"""The words of the menu, which are the same in every world."""
 
 
 def changed_objects(kind: str, scene: Scene) -> list[str]:
     """Names of the objects that a kind can be about: the scene's, or new ones."""
     names = [o.name for o in scene.objects]
-    if not CHANGES[kind].adds:
+    if not changes(scene.world)[kind].adds:
         return names
     return [name for name in map(" ".join, scene.world.vocabulary.triples) if name not in names]
 
@@ -152,9 +168,9 @@ def intervention(kind: str | None, name: str | None, numbers: Sequence[float]) -
     Raises:
         DataError: no kind or no object is chosen, or a number is impossible.
     """
-    if kind not in CHANGES:
+    if kind not in KINDS:
         raise DataError("no change is chosen")
     if not name:
         raise DataError("no object is chosen; pick or upload a clip, then choose one")
-    change = CHANGES[kind]
+    change = changes(CLEVRER_WORLD)[kind]
     return change.make(name, *numbers[: len(change.sliders)])

@@ -179,7 +179,7 @@ class _Page:
     def _what_if_tab(self) -> None:
         gr = self.gr
         with gr.Row():
-            self.change = gr.Dropdown(list(menus.CHANGES), label="Change", elem_id="change")
+            self.change = gr.Dropdown(list(menus.KINDS), label="Change", elem_id="change")
             self.object = gr.Dropdown([], label="Object", elem_id="object")
         self.sliders = [gr.Slider(visible=False, elem_id=f"slider-{i}") for i in range(menus.MAX_SLIDERS)]
         self.from_frame = gr.Slider(0, 127, 0, step=1, label="From frame", elem_id="from-frame")
@@ -279,7 +279,7 @@ class _Page:
     def _found(self, clip: Clip) -> dict[Any, Any]:
         """New values of everything that depends on the clip."""
         video, timeline = self._drawn(clip)
-        change = next(iter(menus.CHANGES))
+        change = menus.KINDS[0]
         return {
             **dict.fromkeys([self.refused, self.question, self.choices, self.answer, self.difference, self.laws], ""),
             self.clip: clip.key,
@@ -336,11 +336,11 @@ class _Page:
 
     def _change(self, clip: Clip, kind: str | None) -> dict[Any, Any]:
         """The objects and sliders of a kind of change."""
-        if kind not in menus.CHANGES:
+        if kind not in menus.KINDS:
             raise DataError("no change is chosen")
         names = menus.changed_objects(kind, clip.perception.scene)
         updates = {self.object: self.gr.update(choices=names, value=next(iter(names), None))}
-        sliders = menus.CHANGES[kind].sliders
+        sliders = menus.changes(clip.perception.scene.world)[kind].sliders
         for part, slider in zip(self.sliders, sliders, strict=False):
             numbers = {"minimum": slider.low, "maximum": slider.high, "step": slider.step, "value": slider.start}
             updates[part] = self.gr.update(label=slider.label, visible=True, **numbers)
