@@ -111,7 +111,7 @@ MAX_SLIDERS = 4
 
 @lru_cache
 def changes(world: World) -> dict[str, ChangeKind]:
-    """Every kind of change in a world, by the words of the menu. Lengths and speeds are in proportion to its sizes and speeds."""
+    """Every kind of change by the words of the menu. Lengths and speeds are in proportion to those of the world."""
     place, top_speed, scales = world.max_position_world, world.max_speed_world_per_s, world.scales
     shift, speed = (round(3 * scale, 1) for scale in (scales.size, scales.speed))
     by, start, fast = round(0.5 * scales.size, 1), round(2 * scales.speed, 1), round(2.8 * scales.speed, 1)
