@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 def answer_options(parser: Any) -> None:
     add = parser.add_argument
     add("video", help=f"{VIDEO}, or a scene saved by nsdr parse")
-    add("question", nargs="+", metavar="QUESTION", help="in CLEVRER's English; several are answered from one look")
+    add("question", nargs="+", metavar="QUESTION", help="in English; several are answered from one look")
     option = "an option of the one question, or a candidate for its answer; repeatable"
     add("-c", "--choice", action="append", default=[], metavar="TEXT", help=option)
     system = "answer by a trained baseline: folder or name of a checkpoint, such as truth/mac"
@@ -148,7 +148,7 @@ def _print_answer(found: Answer, trace: bool) -> None:
 
 def program_options(parser: Any) -> None:
     add = parser.add_argument
-    add("text", help="a question or choice in CLEVRER's English; with --run, the tokens of a program")
+    add("text", help="a question or choice in English; with --run, the tokens of a program")
     add("--kind", default="auto", choices=["auto", "descriptive", "multiple_choice", "choice"], help="kind of text")
     shared_options(parser, "parser", "extensions", "checkpoint")
     add(

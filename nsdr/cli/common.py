@@ -65,7 +65,7 @@ def shared_options(parser: Any, *groups: str) -> None:
         setting = "one setting, such as tracker.score=0.8; repeatable"
         add("--set", action="append", default=[], metavar="NAME=VALUE", help=setting)
     if "video" in groups:
-        add("--force", action="store_true", help="go on with videos that are not of CLEVRER's scene")
+        add("--force", action="store_true", help="go on with videos of another scene")
         background = "image of the scene without objects, for another camera or other lamps"
         add("--background", default="", metavar="FILE", help=background)
         add("--fps", type=NonNegativeFloat, default=0.0, help="frames per second, in place of what the video says")
