@@ -29,7 +29,7 @@ $(OUTPUT)/frame_parser.json: $(RUNS)/frames/world.json
 	$(NSDR) train frame-parser --config world --frames $(<D) --run-dir $(RUNS)/frame_parser --output $(@D) $(TRY)
 
 $(OUTPUT)/collisions.json: $(RUNS)/motion/truth.json.gz
-	$(NSDR) train collisions --config collisions --proposals $(<D)/proposals.npz --truth $< --run-dir $(RUNS)/collisions --output $(@D) $(TRY)
+	$(NSDR) train collisions --config collisions_world --proposals $(<D)/proposals.npz --truth $< --run-dir $(RUNS)/collisions --output $(@D) $(TRY)
 
 $(OUTPUT)/question_parser.json:
 	$(NSDR) train question-parser --config default --world $(WORLD) --run-dir $(RUNS)/question_parser --output $(@D) $(TRY)

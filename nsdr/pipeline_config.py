@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from msgspec import Meta
 
@@ -35,6 +35,7 @@ from nsdr.question_parser import loading
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser, load_parser
 from nsdr.tracking.tracker import TrackerConfig
+from nsdr.types import VideoProposals
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.world import CLEVRER_WORLD, World
 
@@ -172,11 +173,27 @@ def check_weights(part: object, world: World) -> None:
             one.check_world(world)
 
 
+class NoFrameParser:
+    """Takes the place of a frame parser that a checkpoint of another world than CLEVRER lacks: all but videos can be given.
+
+    Args:
+        reason: why there is none.
+    """
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+
+    def parse(self, frames: object, progress: bool = False) -> VideoProposals:
+        """Raise `DataError` with the reason."""
+        raise DataError(self.reason)
+
+
 def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> tuple["FrameParser", Dynamics, Parser]:
     """Load the frame parser, the dynamics backend and the question parser of a checkpoint.
 
     Args:
-        path_or_id: where the checkpoint is. A warning says which parts it lacks, and shipped ones are used for them.
+        path_or_id: where the checkpoint is. A warning says which parts it lacks, and shipped ones are used for them. A frame
+            parser that would be of another world refuses videos when it gets one.
         config: settings of the parts.
         device: where the networks of the question parser run.
 
@@ -202,7 +219,14 @@ def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> t
         "precision": config.precision,
         "world": config.world,
     }
-    frame_parser = FrameParser.from_checkpoint(taken["frame_parser"], **options)
+    frame_parser: Any
+    try:
+        frame_parser = FrameParser.from_checkpoint(taken["frame_parser"], **options)
+    except DataError as e:
+        if taken["frame_parser"] == folder:
+            raise
+        taken["frame_parser"] = folder
+        frame_parser = NoFrameParser(f"{folder}: has no frame parser, which videos need; of the shipped one: {e}")
     backend = load_backend(config.dynamics, folder)
     check_weights(backend, config.world)
     lacking = [] if is_default(folder) else [part for part, found in taken.items() if found != folder]

@@ -466,6 +466,20 @@ def test_networks_of_motion_say_their_world_and_refuse_others(tmp_path, part, ne
         part(network(CLEVRER_WORLD)).check_world(DISCS)
 
 
+def test_a_checkpoint_without_a_frame_parser_takes_all_but_videos(tmp_path: Path) -> None:
+    TrackCollisionDetector(CollisionNetwork(CollisionNetworkConfig(8), DISCS)).save_pretrained(tmp_path)
+    pipeline = nsdr.Pipeline.from_pretrained(tmp_path, device="cpu")
+    assert pipeline.world == DISCS
+    document = annotation_document(simulate_scene(44, removals=False, world=DISCS), 0, "video.mp4", DISCS.camera)
+    scene = pipeline.perceive(tracks=tracks_from_annotation(document, DISCS)).scene
+    assert {o.name for o in scene.objects} == {
+        " ".join(o[kind] for kind in ("color", "material", "shape")) for o in document["object_property"]
+    }
+    frames = np.zeros((16, DISCS.camera.height, DISCS.camera.width, 3), np.uint8)
+    with pytest.raises(DataError, match="has no frame parser, which videos need; of the shipped one: .*trained on"):
+        pipeline.proposals(frames)
+
+
 def test_networks_of_motion_know_how_wide_and_fast_objects_are() -> None:
     states, hidden = discs_states(), np.zeros((3, 60, 4), bool)
     flags = states.detected, states.reliable, states.present, hidden
