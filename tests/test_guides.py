@@ -129,8 +129,8 @@ def test_the_worked_example_of_another_camera_runs(tmp_path: Path, monkeypatch) 
 TINY = {
     "--videos 600": "--videos 3 --workers 1",
     "--videos 100": "--videos 1 --workers 1",
-    "--config second": "--config second --loop.steps 2 --loop.warmup-steps 0 --loop.batch-size 2 --evaluation-frames 2",
-    "--config collisions": "--config collisions --loop.steps 2 --loop.warmup-steps 0 --loop.batch-size 2",
+    "--config world": "--config world --loop.steps 2 --loop.warmup-steps 0 --loop.batch-size 2 --evaluation-frames 2",
+    "--config collisions_world": "--config collisions_world --loop.steps 2 --loop.warmup-steps 0 --loop.batch-size 2",
     "--config default": "--config default --loop.steps 2 --loop.warmup-steps 0 --evaluation-texts 2",
     "--source": "--keep-going --source",
 }

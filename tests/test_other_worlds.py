@@ -476,7 +476,7 @@ def test_a_checkpoint_without_a_frame_parser_takes_all_but_videos(tmp_path: Path
         " ".join(o[kind] for kind in ("color", "material", "shape")) for o in document["object_property"]
     }
     frames = np.zeros((16, DISCS.camera.height, DISCS.camera.width, 3), np.uint8)
-    with pytest.raises(DataError, match="has no frame parser, which videos need; of the shipped one: .*trained on"):
+    with pytest.raises(DataError, match=r"has no frame parser, which videos need; of the shipped one: .*trained on"):
         pipeline.proposals(frames)
 
 

@@ -293,8 +293,7 @@ def _manifest(config: DatasetConfig) -> dict[str, Any]:
     _fill(values["scene"], _scene_values(world))
     if world == CLEVRER_WORLD:
         _fill(values["scene"]["physics"], _clevrer_physics())
-    _fill(values["render"], {"width": world.camera.width, "height": world.camera.height, "fps": world.timeline.fps})
-    _fill(values["render"], {"camera": asdict(world.camera)})
+    _fill(values["render"], {"width": world.camera.width, "height": world.camera.height})
     values["render"]["assets"] = Path(config.render.assets).name
     kinds = {"annotations": True, "videos": config.renderer != "none", "proposals": config.masks}
     kinds["questions"] = config.has_questions
