@@ -4,7 +4,7 @@
 NSDR ?= nsdr
 NAME ?= pucks
 WORLD ?= $(NAME)
-VIDEOS ?= 600
+VIDEOS ?= 160
 RUNS ?= runs/worlds/$(NAME)
 OUTPUT ?= $(RUNS)/checkpoint
 STEPS ?=

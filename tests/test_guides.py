@@ -127,7 +127,7 @@ def test_the_worked_example_of_another_camera_runs(tmp_path: Path, monkeypatch) 
 
 
 TINY = {
-    "--videos 600": "--videos 3 --workers 1",
+    "--videos 160": "--videos 3 --workers 1",
     "--videos 100": "--videos 1 --workers 1",
     "--config world": "--config world --loop.steps 2 --loop.warmup-steps 0 --loop.batch-size 2 --evaluation-frames 2",
     "--config collisions_world": "--config collisions_world --loop.steps 2 --loop.warmup-steps 0 --loop.batch-size 2",
