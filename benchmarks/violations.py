@@ -40,6 +40,7 @@ from nsdr.generate.render.view import RenderConfig, view_of
 from nsdr.generate.scene_files import annotation_document, solids_at
 from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
+from nsdr.io.worlds import world_in
 from nsdr.laws.breaks import HIDDEN_NOISE_WORLD, JUMP_FRAMES
 from nsdr.laws.evidence import evidence_in_time
 from nsdr.laws.judge import judgement_of
@@ -120,7 +121,7 @@ def area(broken: list[float], lawful: list[float]) -> tuple[float, float, float]
     return float(wins.mean()), *np.quantile(means, [0.025, 0.975]).tolist()
 
 
-def report(rows: list[Row], official: list[Judgement]) -> str:
+def report(rows: list[Row], official: list[Judgement], world: str) -> str:
     lawful = [row.judgement.probability for row in rows if row.violation is None]
     cases: dict[tuple[str, str], list[Row]] = defaultdict(list)
     for row in rows:
@@ -160,7 +161,7 @@ def report(rows: list[Row], official: list[Judgement]) -> str:
         "taken for",
     )
     alarms = sum(p > 0.5 for p in lawful)
-    text = f"# Violations of the laws of CLEVRER's world\n\n{table(columns, lines)}\n\n"
+    text = f"# Violations of the laws of the world {world}\n\n{table(columns, lines)}\n\n"
     text += (
         f"False alarms: {alarms} of {len(lawful)} lawful videos of the suite ({percent(alarms, len(lawful), 0)} %).\n"
     )
@@ -353,7 +354,8 @@ def main() -> None:
     if o.fit:
         fit(rows, [evidence for _, evidence in official])
     else:
-        show(report(rows, [judgement for judgement, _ in official]), o.output)
+        world = world_in(read_json(o.suites[0] / "manifest.json")).name
+        show(report(rows, [judgement for judgement, _ in official], world), o.output)
 
 
 if __name__ == "__main__":
