@@ -36,7 +36,7 @@ from nsdr.generate.physics.violations import break_law
 from nsdr.generate.render.geometry import Solid
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
-from nsdr.generate.scene_files import annotation_document
+from nsdr.generate.scene_files import annotation_document, solids_at
 from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import find_files, write_json
 from nsdr.io.reading import read_json
@@ -531,3 +531,24 @@ def test_the_judge_finds_what_breaks_the_laws_of_a_world() -> None:
     (found,) = judge_tracks(replace(lawful, tracks=(replace(first, location_world=place), second))).violations
     assert (found.law, found.objects) == ("inertia", (0,))
     assert abs(found.frame - first.frame_index[12]) <= 1
+
+
+def test_the_shipped_weights_see_pucks() -> None:
+    """In frames of a scene of evaluation seeds that are drawn here: words, and places to within a fifth of an object."""
+    pipeline = nsdr.Pipeline.from_pretrained("pucks", device="cpu")
+    scene = simulate_scene(500000, removals=False, world=pipeline.world)
+    shown = list(range(0, scene.n_frames, 25))
+    view = View(pipeline.world.camera, world=pipeline.world)
+    found = pipeline.frame_parser.parse([render_preview(scene.objects, solids_at(scene, f), view) for f in shown])
+    camera, seen = pipeline.world.camera, 0
+    for k, frame in enumerate(shown):
+        rows = found.frame_index == k
+        names = [found.words[i] for i in np.flatnonzero(rows)]
+        for o in scene.objects:
+            place = scene.motion.location_world[o.id, frame]
+            column, row = camera.pixels(place)
+            if 40 < column < camera.width - 40 and 40 < row < camera.height - 40:
+                at = found.centroid_px[rows][names.index(o.name)]
+                assert np.linalg.norm(camera.ground(at, place[2]) - place[:2]) < 0.1
+                seen += 1
+    assert seen >= 5
