@@ -44,7 +44,7 @@ def test_camera_matches_the_released_matrix() -> None:
 
 def test_ground_and_pixels_are_inverse() -> None:
     positions = np.random.default_rng(0).uniform(-2, 2, (50, 2))
-    world = np.concatenate([positions, np.full((50, 1), camera.OBJECT_RADIUS_WORLD)], 1)
+    world = np.concatenate([positions, np.full((50, 1), camera.CENTRE_WORLD)], 1)
     np.testing.assert_allclose(camera.CLEVRER_CAMERA.ground(camera.CLEVRER_CAMERA.pixels(world)), positions, atol=1e-6)
 
 
