@@ -42,7 +42,7 @@ def exact(
         completions: one per sample.
         solution: right answers in their tags, such as "<answer>A,C</answer>".
         options: of each question.
-        world: whose words answers have; `functools.partial(exact, world="my.yaml")` is the reward of another one.
+        world: whose words answers have.
         columns: other columns and what the trainer adds; not used.
 
     Raises:

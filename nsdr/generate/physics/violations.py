@@ -241,10 +241,8 @@ def _reaction(lawful: LawfulScene, restitution: float, size: int) -> BrokenScene
         else:
             pushes = [change * (1 + restitution) / (1 + apart / closing) for change in changes]
         # When they touch: both moved at the velocities before it, then at those after it.
-        seconds, places = (
-            (f - first) * world.physics.frame_seconds,
-            [lawful.scene.motion.location_world[i, first] for i in c.bodies],
-        )
+        seconds = (f - first) * world.physics.frame_seconds
+        places = [lawful.scene.motion.location_world[i, first] for i in c.bodies]
         late = [
             np.subtract(n.location_world, p) - seconds * np.asarray(a.velocity)
             for n, p, a in zip(now, places, after, strict=True)
