@@ -281,6 +281,16 @@ def test_notebooks_can_be_read_without_being_run() -> None:
         assert sum(bool(cell["outputs"]) for cell in cells) > len(cells) / 2, file
 
 
+def test_notebooks_import_what_exists() -> None:
+    imports = []
+    for file in sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb")):
+        for cell in json.loads(file.read_text())["cells"]:
+            imports += re.findall(r"^(?:from|import) nsdr\b.*$", "".join(cell["source"]), re.MULTILINE)
+    assert len(imports) > 15
+    for line in imports:
+        exec(line, {})
+
+
 def test_a_folder_that_is_called_like_shipped_weights_does_not_replace_them(tmp_path, monkeypatch) -> None:
     shipped, baseline = find_checkpoint(), find_checkpoint("truth/mac", "baselines")
     monkeypatch.chdir(tmp_path)
