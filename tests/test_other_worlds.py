@@ -533,9 +533,10 @@ def test_the_judge_finds_what_breaks_the_laws_of_a_world() -> None:
     assert abs(found.frame - first.frame_index[12]) <= 1
 
 
-def test_the_shipped_weights_see_pucks() -> None:
+@pytest.mark.parametrize("name", ["pucks", "blocks"])
+def test_the_shipped_weights_see_their_world(name: str) -> None:
     """In frames of a scene of evaluation seeds that are drawn here: words, and places to within a fifth of an object."""
-    pipeline = nsdr.Pipeline.from_pretrained("pucks", device="cpu")
+    pipeline = nsdr.Pipeline.from_pretrained(name, device="cpu")
     scene = simulate_scene(500000, removals=False, world=pipeline.world)
     shown = list(range(0, scene.n_frames, 25))
     view = View(pipeline.world.camera, world=pipeline.world)
