@@ -4,7 +4,7 @@
     nsdr generate dataset --config learning -o test --videos 100 --seed 500008
     nsdr export train --format trl -o rows_train --frames 16 --frame-width 96 --scenes
     nsdr export test --format trl -o rows_test --frames 16 --frame-width 96
-    python -m benchmarks.learning rows_train rows_test -o results/learning.md
+    python -m benchmarks.learning rows_train rows_test -o results/learning.md --curve docs/images/learning.png
 
 The model is our own and begins with random weights. Its vision tower learns to name the object at each place of a frame, and is
 frozen. Its language part is trained on right answers for a short while, and then by `nsdr.rewards.exact` alone: it answers each
@@ -234,14 +234,13 @@ class Run:
 
     def __init__(self, tower: Tower, train: Rows, test: Rows, is_blind: bool, file: Path) -> None:
         self.train, self.test, self.name, self.file = train, test, "blind" if is_blind else "seeing", file
-        gray = tower.tokens(torch.full_like(train.frames[:1], GRAY))
-        self.gray = [tokens.expand(len(test.frames), *tokens.shape[1:]) for tokens in gray]
-        self.seen = tower.tokens(test.frames)
-        self.learned_from = (
-            [tokens.expand(len(train.frames), *tokens.shape[1:]) for tokens in gray]
-            if is_blind
-            else tower.tokens(train.frames)
-        )
+        gray_video = tower.tokens(torch.full_like(train.frames[:1], GRAY))
+
+        def gray(n_videos: int) -> Sequence[Tensor]:
+            return [tokens.expand(n_videos, *tokens.shape[1:]) for tokens in gray_video]
+
+        self.learned_from = gray(len(train.frames)) if is_blind else tower.tokens(train.frames)
+        self.seen, self.gray = tower.tokens(test.frames), gray(len(test.frames))
         torch.manual_seed(0)
         self.words = Words(train)
         self.model = LanguagePart(self.words, train.frames.shape[3] * train.frames.shape[4] // 64)
@@ -353,7 +352,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--supervised", type=int, default=450, help="steps on right answers")
     parser.add_argument("--rewarded", type=int, default=1350, help="steps by rewards after them")
     parser.add_argument("--run-dir", type=Path, default=Path("runs/learning"), help="keeps the state")
-    parser.add_argument("-o", "--output", type=Path, help="the table; the curve is a PNG file beside it")
+    parser.add_argument("-o", "--output", type=Path, help="the table")
+    parser.add_argument("--curve", type=Path, help="the rewards over the steps, a PNG file")
     options = parser.parse_args(arguments)
     options.run_dir.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
@@ -384,8 +384,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     numbers = f"{learned} videos to learn from, {tested} others; {size:.2f} M parameters. "
     numbers += f"The tower learned for {tower.seconds / 60:.1f} minutes of CPU time."
     show(f"{numbers}\n\n{table(columns, lines)}\n\n{made_by()}", options.output)
-    if options.output:
-        figure_of(runs, options.supervised).savefig(options.output.with_suffix(".png"), dpi=130)
+    if options.curve:
+        figure_of(runs, options.supervised).savefig(options.curve, dpi=130)
 
 
 if __name__ == "__main__":
