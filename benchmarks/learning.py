@@ -22,6 +22,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -230,6 +231,9 @@ class Run:
         test: rows about other videos.
         is_blind: whether all frames are gray in training.
         file: where the state is kept after each evaluation.
+
+    Raises:
+        ValueError: the file is of a run on other rows.
     """
 
     def __init__(self, tower: Tower, train: Rows, test: Rows, is_blind: bool, file: Path) -> None:
@@ -247,8 +251,11 @@ class Run:
         self.optimizer = torch.optim.AdamW(self.model.parameters(), 1e-3, weight_decay=0.05)
         self.step, self.seconds = 0, 0.0
         self.curve: list[dict[str, Any]] = []
+        self.rows = sha256(repr([(rows.texts, rows.solutions) for rows in (train, test)]).encode()).hexdigest()
         if file.exists():
             kept = torch.load(file)
+            if kept["rows"] != self.rows:
+                raise ValueError(f"{file} is of a run on other rows; give another --run-dir")
             self.model.load_state_dict(kept["model"])
             self.optimizer.load_state_dict(kept["optimizer"])
             self.step, self.seconds, self.curve = kept["step"], kept["seconds"], kept["curve"]
@@ -317,7 +324,7 @@ class Run:
             earned[name] = [reward(text, self.test.solutions[i]) for text, i in zip(answers, which, strict=True)]
         self.model.train()
         self.curve.append({"step": self.step, "seconds": self.seconds, "phase": phase, "earned": earned})
-        kept = {"model": self.model.state_dict(), "optimizer": self.optimizer.state_dict()}
+        kept = {"model": self.model.state_dict(), "optimizer": self.optimizer.state_dict(), "rows": self.rows}
         torch.save(kept | {"step": self.step, "seconds": self.seconds, "curve": self.curve}, self.file)
 
 

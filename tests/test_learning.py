@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,9 @@ def test_rewards_teach_what_the_video_shows(rows: Rows, tmp_path: Path, monkeypa
     resumed.learn(2, 28)
     for name, weights in run.model.state_dict().items():
         assert torch.equal(weights, resumed.model.state_dict()[name]), name
+
+    with pytest.raises(ValueError, match=r"seeing\.pt is of a run on other rows; give another --run-dir"):
+        Run(tower, rows, replace(rows, solutions=rows.solutions[::-1]), False, tmp_path / "seeing.pt")
 
     blind = Run(tower, rows, rows, True, tmp_path / "blind.pt")
     blind.learn(2, 28)
