@@ -54,7 +54,7 @@ WIDTH = 128
 TOWER_STEPS = 400
 EVALUATE_EVERY = 100
 GRAY = 128
-SHOWN = ("the own video", "another video", "gray frames")
+SHOWN = ("its own video", "another video", "gray frames")
 """What the model is shown when its reward is measured."""
 WORDS = [CLEVRER_WORLD.vocabulary.words[kind] for kind in ("color", "material", "shape")]
 

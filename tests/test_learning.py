@@ -29,7 +29,7 @@ def test_rewards_teach_what_the_video_shows(rows: Rows, tmp_path: Path, monkeypa
     run = Run(tower, rows, rows, False, tmp_path / "seeing.pt")
     run.learn(2, 28)
     earned = {shown: np.mean(rewards) for shown, rewards in run.curve[-1]["earned"].items()}
-    assert earned["the own video"] == 1
+    assert earned["its own video"] == 1
     assert earned["gray frames"] == 0.5
     assert [point["phase"] for point in run.curve] == ["random weights", "supervised", *["rewards"] * 3]
 
@@ -45,4 +45,4 @@ def test_rewards_teach_what_the_video_shows(rows: Rows, tmp_path: Path, monkeypa
 
     blind = Run(tower, rows, rows, True, tmp_path / "blind.pt")
     blind.learn(2, 28)
-    assert np.mean(blind.curve[-1]["earned"]["the own video"]) == 0.5
+    assert np.mean(blind.curve[-1]["earned"]["its own video"]) == 0.5
