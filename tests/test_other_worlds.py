@@ -1,5 +1,6 @@
 """Videos of a world that has nothing in common with CLEVRER's: no word, size, camera, frame rate or image size."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,9 +15,12 @@ from nsdr.baselines.features.extraction import FeatureExtraction
 from nsdr.clevrer import SceneQuestions, scene_from_annotation, scene_from_ground_truth, scene_from_truth
 from nsdr.clevrer.files.annotations import check_truth, read_annotation, read_truth, read_truth_file
 from nsdr.clevrer.files.compact_proposals import compact_rows, read_compact_proposals
-from nsdr.clevrer.files.proposals import proposals_document, proposals_from_masks, read_proposals
+from nsdr.clevrer.files.proposals import parse_proposals, proposals_document, proposals_from_masks, read_proposals
 from nsdr.clevrer.files.questions import Question
 from nsdr.cli.main import main
+from nsdr.continuations.candidates import baselines, bullet_runs, perceived
+from nsdr.continuations.compare import compare_videos
+from nsdr.continuations.score import KERNEL_WORLD, Continuation, PossibleFutures, true_future
 from nsdr.datasets import VideoDataset
 from nsdr.dynamics.collisions.features import MotionArrays, network_inputs, radii
 from nsdr.dynamics.collisions.network import CollisionNetwork, CollisionNetworkConfig, TrackCollisionDetector
@@ -29,14 +33,14 @@ from nsdr.dynamics.scene import scene_from_prediction
 from nsdr.errors import DataError
 from nsdr.evaluation.score import score_scenes
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
-from nsdr.generate.physics.bullet import Body, BulletMotion, Simulator
+from nsdr.generate.physics.bullet import Body, BulletConfig, BulletMotion, Simulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.physics.violations import break_law
 from nsdr.generate.render.geometry import Solid
 from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
-from nsdr.generate.scene_files import annotation_document, solids_at
+from nsdr.generate.scene_files import annotation_document, proposal_document, solids_at, truth_document
 from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import find_files, write_json
 from nsdr.io.reading import read_json
@@ -47,7 +51,7 @@ from nsdr.laws.judge import judge_tracks
 from nsdr.symbolic.quantities import Quantities
 from nsdr.tracking.localization import ground_location, outline, size_notes
 from nsdr.tracking.speeds import speed_notes
-from nsdr.tracking.tracker import existence, track, tracks_from_annotation
+from nsdr.tracking.tracker import TrackerConfig, existence, track, tracks_from_annotation
 from nsdr.tracking.visibility import cut_sides
 from nsdr.types import (
     DynamicsPrediction,
@@ -478,6 +482,46 @@ def test_a_checkpoint_without_a_frame_parser_takes_all_but_videos(tmp_path: Path
     frames = np.zeros((16, DISCS.camera.height, DISCS.camera.width, 3), np.uint8)
     with pytest.raises(DataError, match=r"has no frame parser, which videos need; of the shipped one: .*trained on"):
         pipeline.proposals(frames)
+
+
+def test_continuations_are_compared_by_the_laws_and_in_the_words_of_their_world(tmp_path: Path) -> None:
+    scene, cut = simulate_scene(500002, removals=False, world=DISCS), 20
+    document = truth_document(scene, 0, DISCS.camera)
+    truth = true_future(document, cut, scene.n_frames)
+    proposals = parse_proposals(
+        json.dumps(proposal_document(scene, 0, "video.mp4", DISCS.camera)).encode(), "proposals"
+    )
+    assert len(truth.collisions) == 2
+
+    def error(found: Continuation) -> float:
+        asked = truth.asked & np.isfinite(found.location_world).all(-1)
+        assert asked.sum() > 0.9 * truth.asked.sum()
+        return float(np.linalg.norm(found.location_world - truth.location_world, axis=-1)[asked].mean())
+
+    near, far = bullet_runs(document, truth, 0.0001, 2, BulletConfig())
+    assert error(near) < 0.002
+    seen = perceived(proposals, track(proposals), [], truth)
+    assert error(seen) < 0.02
+    assert seen.words is not None
+    assert (seen.words[truth.asked] != 0).all()
+    futures = PossibleFutures([near, far], truth)
+    assert futures.kernel_world == pytest.approx(KERNEL_WORLD * DISCS.scales.size)
+
+    TrackCollisionDetector(CollisionNetwork(CollisionNetworkConfig(8), DISCS)).save_pretrained(tmp_path)
+    found = baselines(proposals, TrackerConfig(), tmp_path, truth, "cpu")
+    assert list(found) == [
+        "last frame frozen",
+        "constant velocity",
+        "fitted simulator",
+    ]  # PropNet's weights are CLEVRER's
+    assert error(found["fitted simulator"]) < error(found["constant velocity"]) < error(found["last frame frozen"])
+
+
+def test_continuations_need_weights_of_their_world(folder, tmp_path) -> None:
+    with pytest.raises(
+        DataError, match=r"was made in the world discs, and default is for CLEVRER, which has other voc"
+    ):
+        compare_videos(folder, folder, tmp_path / "out")
 
 
 def test_networks_of_motion_know_how_wide_and_fast_objects_are() -> None:

@@ -15,21 +15,19 @@ from scipy.optimize import linear_sum_assignment
 from nsdr.continuations.score import Continuation, TrueFuture
 from nsdr.dynamics.motion_states import extrapolate, states_from_tracks
 from nsdr.dynamics.registry import load_backend
-from nsdr.errors import VideoError
+from nsdr.errors import DataError, VideoError
 from nsdr.generate.physics.bullet import BulletConfig, Simulator
 from nsdr.generate.physics.disturbed import bodies_of, disturbed, states_at
 from nsdr.io.device import resolve_device
+from nsdr.pipeline_config import check_weights
 from nsdr.tracking.tracker import TrackerConfig, detected_attributes, track
 from nsdr.types import Event, VideoProposals, VideoTracks
 from nsdr.validation import FloatArray
-from nsdr.world.vocabulary import CLEVRER, differing_words
+from nsdr.world.vocabulary import differing_words
 
-SAME_OBJECT_WORLD = CLEVRER.shapes[0].size_world[0]
-"""A track is an object of the truth if their median distance in the given frames is below this, the width of an object (world
-units)."""
 OTHER_WORD_WORLD = 0.1
-"""Distance that is added for each differing word (color, material or shape) when tracks are matched to objects (world
-units)."""
+"""Distance that is added for each differing word (color, material or shape) when tracks are matched to objects (world units in
+CLEVRER)."""
 BRIDGED_FRAMES = 12
 """Between two detections, an object counts as found within this many frames of either, because another object may hide it."""
 MIN_KNOWN_SHARE = 0.5
@@ -97,8 +95,10 @@ def _ids(tracks: VideoTracks, words: Sequence[int], truth: TrueFuture) -> dict[i
         truth: the true future.
 
     Returns:
-        The index of the track of each object that was found, by the id of the object.
+        The index of the track of each object that was found, by the id of the object. The median of their distances in the
+        given frames is less than the width of the object.
     """
+    vocabulary, other_word = truth.world.vocabulary, OTHER_WORD_WORLD * truth.world.scales.size
     cost = np.full((len(truth.objects), len(tracks.tracks)), np.inf)
     for k, t in enumerate(tracks.tracks):
         before = t.frame_index < truth.cut
@@ -106,10 +106,9 @@ def _ids(tracks: VideoTracks, words: Sequence[int], truth: TrueFuture) -> dict[i
         distance = np.linalg.norm(off, axis=-1)
         for i, o in enumerate(truth.objects):
             shared = distance[i][np.isfinite(distance[i])]
-            if len(shared) and np.median(shared) < SAME_OBJECT_WORLD:
-                cost[i, k] = np.median(shared) + OTHER_WORD_WORLD * differing_words(
-                    o.name.split(), CLEVRER.triple(words[k])
-                )
+            if len(shared) and np.median(shared) < 2 * vocabulary.shape(o.shape).half_width_world:
+                differing = differing_words(o.name.split(), vocabulary.triple(words[k]))
+                cost[i, k] = np.median(shared) + other_word * differing
     finite = np.where(np.isfinite(cost), cost, 1e3)  # so that there is an assignment
     return {int(i): int(k) for i, k in zip(*linear_sum_assignment(finite), strict=True) if np.isfinite(cost[i, k])}
 
@@ -132,7 +131,7 @@ def _renamed(collisions: Sequence[Event], ids: dict[int, int]) -> tuple[Event, .
 def baselines(
     proposals: VideoProposals, config: TrackerConfig, weights: Path, truth: TrueFuture, device: str
 ) -> dict[str, Continuation]:
-    """Make the prediction of each of `BASELINES`.
+    """Make the prediction of each of `BASELINES`, without backends whose weights are for another world.
 
     Args:
         proposals: proposals of the true video; only those in the given frames are read.
@@ -158,12 +157,20 @@ def baselines(
     ids = _ids(tracks, [_most(row) for row in _words(given, tracks)], truth)
     last = np.repeat(states.location_world[:, -1:], frames, axis=1)
     straight = extrapolate(states.location_world, frames)[:, -frames:]
+    half_width = np.array([truth.world.vocabulary.shape(o.shape).half_width_world for o in states.objects])
     found = {
         BASELINES[0]: Continuation(_by_truth(last, ids, truth), ()),
-        BASELINES[1]: Continuation(_by_truth(straight, ids, truth), _renamed(_meetings(straight, cut), ids)),
+        BASELINES[1]: Continuation(
+            _by_truth(straight, ids, truth), _renamed(_meetings(straight, half_width, cut), ids)
+        ),
     }
-    for name, backend in BACKENDS.items():
-        rollout = _backend(weights, backend, device).explain(states).rollout(frames=cut + frames)
+    for name, backend_name in BACKENDS.items():
+        backend = _backend(weights, backend_name, device)
+        try:
+            check_weights(backend, states.world)
+        except DataError:
+            continue
+        rollout = backend.explain(states).rollout(frames=cut + frames)
         location = _by_truth(rollout.location_world[:, cut:], ids, truth)
         found[name] = Continuation(location, _renamed(rollout.collisions, ids))
     return found
@@ -176,11 +183,12 @@ def _backend(weights: Path, name: str, device: str) -> Any:
     return backend.to(str(resolve_device(device)))
 
 
-def _meetings(location_world: FloatArray, cut: int) -> list[Event]:
-    """Collisions of pairs in the first frame in which their centres are nearer than the width of an object."""
+def _meetings(location_world: FloatArray, half_width_world: FloatArray, cut: int) -> list[Event]:
+    """Collisions of pairs in the first frame in which their centres are nearer than the sum of half their widths."""
     events = []
     for i, j in combinations(range(len(location_world)), 2):
-        near = np.linalg.norm(location_world[i] - location_world[j], axis=-1) < SAME_OBJECT_WORLD
+        near = np.linalg.norm(location_world[i] - location_world[j], axis=-1)
+        near = near < half_width_world[i] + half_width_world[j]
         if near.any():
             events.append(Event("collision", cut + int(near.argmax()), (i, j)))
     return events
@@ -199,12 +207,13 @@ def bullet_runs(
         physics: settings of the physics of the scene.
     """
     start, frames = truth.cut - 1, truth.location_world.shape[1]
-    states, shapes = states_at(document, start), [o.shape for o in truth.objects]
+    states, words = states_at(document, start), [(o.shape, o.material) for o in truth.objects]
+    shapes, materials = zip(*words, strict=True)
     rng = np.random.default_rng([document["seed"], round(1e6 * error_world)])
     found = []
-    with Simulator(physics) as simulator:
+    with Simulator(physics, truth.world) as simulator:
         for _ in range(runs):
-            motion = simulator.run(bodies_of(shapes, disturbed(states, error_world, rng)), frames + 1)
+            motion = simulator.run(bodies_of(shapes, disturbed(states, error_world, rng), materials), frames + 1)
             contacts = tuple(Event("collision", c.frame + start, tuple(sorted(c.bodies))) for c in motion.contacts)
             found.append(Continuation(motion.location_world[:, 1:, :2], contacts))
     return found

@@ -40,9 +40,8 @@ from nsdr.io.jobs import Job, read_output, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.io.video import RATE_TOLERANCE, frame_rate
 from nsdr.pipeline import Perception, Pipeline, PipelineConfig
+from nsdr.pipeline_config import pipeline_settings
 from nsdr.types import VideoProposals
-from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
-from nsdr.world.world import CLEVRER_WORLD
 
 MIN_FOLLOWING_FRAMES = 8
 """Smallest number of frames after the cut in a video that is scored."""
@@ -102,14 +101,14 @@ def compare_videos(
 
     Args:
         truth: folder of a data set made by `nsdr generate dataset`.
-        generated: folder with continuations, named `video_N.mp4` like the videos of the data set, at 25 frames per second and
+        generated: folder with continuations, named `video_N.mp4` like the videos of the data set, at the same frame rate and
             starting with the given frames.
         output: folder for the scores, one file for each video.
         given_frames: number of frames that the video model was given.
         runs: number of runs of Bullet with each of the errors in `FLOORS`.
         split: split whose videos are compared; "" for all splits.
-        checkpoint: checkpoint with the weights.
-        settings: settings of perception; None for the defaults. The camera is that of the data set.
+        checkpoint: checkpoint with the weights, of the data set's world.
+        settings: settings of perception; None for those of the checkpoint. The camera is that of the data set.
         engine, workers: see `nsdr.io.tasks.run_tasks`.
         device: device on which the networks of every process run, as in `Pipeline.from_pretrained`.
 
@@ -124,7 +123,9 @@ def compare_videos(
     if given_frames < 2 or runs < 2:
         raise DataError(f"expected at least 2 given frames and 2 runs, got {given_frames} and {runs}")
     root = Path(truth)
-    common = _settings(root, given_frames, runs, settings or PipelineConfig(), checkpoint, device)
+    common = _settings(
+        root, given_frames, runs, settings or pipeline_settings(checkpoint=checkpoint), checkpoint, device
+    )
     found, not_scored = _videos(root, Path(generated), split)
     key = [VERSION, physics.VERSION, propnet.VERSION, given_frames, runs, asdict(common.physics), asdict(common.render)]
     key.append(common.pipeline.fingerprint(checkpoint, "continuations"))
@@ -140,13 +141,14 @@ def compare_videos(
     if not scored:
         name, reason = min(not_scored.items())
         raise DataError(f"{generated}: none of {len(not_scored)} videos could be scored, such as {name}: {reason}")
+    rows = [row for row in ROWS if any(row in v["rows"] for v in scored.values())]
     return {
         "given_frames": given_frames,
         "runs": runs,
         "fps": common.pipeline.video.fps,
         "revision": code_revision(),
-        "table": {row: _measured([v["rows"][row] for v in scored.values()]) for row in ROWS},
-        "curves": {row: _curves(add(v["rows"][row] for v in scored.values())) for row in ROWS},
+        "table": {row: _measured([v["rows"][row] for v in scored.values()]) for row in rows},
+        "curves": {row: _curves(add(v["rows"][row] for v in scored.values())) for row in rows},
         "videos": [_row(name, found[name], v) for name, v in scored.items()],
         "not_scored": dict(sorted(not_scored.items())),
     }
@@ -160,8 +162,12 @@ def _settings(
     manifest = data.manifest
     if manifest is None:
         raise DataError(f"{root}: has no manifest.json; expected a data set of `nsdr generate dataset`")
-    if data.world != CLEVRER_WORLD:
-        raise DataError(f"{root}: was made in the world {data.world.name}; expected clevrer")
+    differing = ", ".join(data.world.differences(pipeline.world))
+    if differing:
+        worlds = f"was made in the world {data.world.name}, and {checkpoint} is for {pipeline.world.name}"
+        raise DataError(
+            f"{root}: {worlds}, which has other {differing}; give --checkpoint with weights for {data.world.name}"
+        )
     if pipeline.video.check == "refuse":
         pipeline = replace(pipeline, video=replace(pipeline.video, check="warn"))
     return _Settings(given_frames, runs, *made_with(manifest, root), pipeline, checkpoint, str(resolve_device(device)))
@@ -201,15 +207,16 @@ def _compare(settings: _Settings, video: _Video, output: Path) -> None:
     if any("mass" not in o for o in document["objects"]):
         raise DataError(f"{video.truth}: has no masses, which Bullet needs")
     rate = settings.pipeline.video.fps or frame_rate(video.generated)
-    fps = CLEVRER_WORLD.timeline.fps
+    fps = settings.pipeline.world.timeline.fps
     if abs(rate - fps) > RATE_TOLERANCE:
         remedy = f"write it at {fps}, or give --set video.fps={fps} if its frames are those of the truth, one by one"
         raise VideoError(
             f"{video.generated}: {rate:g} frames per second; expected {fps}, the rate of the truth; {remedy}"
         )
     pipeline = worker_pipeline(settings.checkpoint, settings.pipeline, settings.device)
-    view = view_of(settings.render, document["seed"])
-    pipeline.world = replace(pipeline.world, camera=replace(view.camera, width=WIDTH_PX, height=HEIGHT_PX))
+    world = settings.pipeline.world
+    camera = view_of(settings.render, document["seed"], world).camera
+    pipeline.world = replace(world, camera=replace(camera, width=world.camera.width, height=world.camera.height))
     generated, seen = (_proposals(pipeline, path) for path in (video.generated, video.seen))
     end = min(generated.n_frames, seen.n_frames)
     if end < cut + MIN_FOLLOWING_FRAMES:

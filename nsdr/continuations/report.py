@@ -8,13 +8,16 @@ from typing import Any
 import cv2
 import numpy as np
 
+from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.continuations.compare import GENERATED, ROWS
 from nsdr.continuations.score import MEASURES
 from nsdr.io.files import write_file, write_json
 from nsdr.io.notes import unsaid
 from nsdr.io.video import read_frames, spaced
+from nsdr.io.worlds import world_in
 from nsdr.visualize.figures import figure_png, new_figure
 from nsdr.visualize.html_parts import figure_html, jpeg, write_page
+from nsdr.world.world import World
 
 TITLE = "Continuations of videos"
 """Title of the page."""
@@ -22,8 +25,8 @@ WORST = 5
 """Number of videos that the page shows, those with the largest errors."""
 SHOWN_FRAMES = 4
 """Number of frames that are shown of each video, evenly spaced after the cut, up to the last one."""
-SHOWN_SIZE_PX = (360, 240)
-"""Width and height of the frames that are shown (pixels)."""
+SHOWN_WIDTH_PX = 360
+"""Width of the frames that are shown (pixels)."""
 STYLES = dict(zip(ROWS, ("k-", "k:", "C0:", "C0--", "C7-", "C1-", "C2-", "C3-"), strict=True))
 """Colour and line style of each row in matplotlib's notation."""
 NOTES = (
@@ -38,9 +41,9 @@ NOTES = (
 
 
 def markdown_table(report: Mapping[str, Any]) -> str:
-    """The table of a report in Markdown, with a row for each of `ROWS`."""
+    """The table of a report in Markdown."""
     lines = [f"| | {' | '.join(m.title for m in MEASURES.values())} |", "|---" * (len(MEASURES) + 1) + "|"]
-    lines += [f"| {row} | {' | '.join(_cells(report['table'][row]))} |" for row in ROWS]
+    lines += [f"| {row} | {' | '.join(_cells(values))} |" for row, values in report["table"].items()]
     return "\n".join(lines) + "\n"
 
 
@@ -66,10 +69,10 @@ def curves_figure(report: Mapping[str, Any]) -> Any:
     figure = new_figure(15, 4.5)
     axes = figure.subplots(1, len(panels))
     for panel, (name, title) in zip(axes, panels.items(), strict=True):
-        for row, style in STYLES.items():
-            values = np.array(report["curves"][row][name], float)  # None is NaN
+        for row, curves in report["curves"].items():
+            values = np.array(curves[name], float)  # None is NaN
             frames = report["given_frames"] + np.arange(len(values))
-            panel.plot(frames, values, style, lw=2.5 if row == GENERATED else 1.3, label=row)
+            panel.plot(frames, values, STYLES[row], lw=2.5 if row == GENERATED else 1.3, label=row)
         panel.set(xlabel="frame", title=title, ylabel=MEASURES[name].title.partition("(")[2].rstrip(")"))
         panel.set_yscale("symlog" if name == "log_likelihood" else "log")
         panel.grid(alpha=0.3)
@@ -104,7 +107,9 @@ def _not_scored(report: Mapping[str, Any]) -> str:
 def _body(report: Mapping[str, Any], picture: bytes, made: str) -> str:
     """The body of the HTML page."""
     head = "".join(f"<th>{html.escape(m.title)}" for m in MEASURES.values())
-    rows = "".join(f"<tr><td>{row}{''.join(f'<td>{cell}' for cell in _cells(report['table'][row]))}" for row in ROWS)
+    rows = "".join(
+        f"<tr><td>{row}{''.join(f'<td>{cell}' for cell in _cells(values))}" for row, values in report["table"].items()
+    )
     body = [f"<h1>{TITLE}</h1><table><tr><th>{head}{rows}</table><p>{NOTES}</p><p>{html.escape(made)}</p>"]
     body.append(figure_html(picture, "Means over objects and videos, by frame after the cut."))
     body += [
@@ -126,7 +131,8 @@ def _case(video: Mapping[str, Any], cut: int, fps: float) -> str:
     said = ", ".join(f"{MEASURES[m].title}: {values[m]:.3g}" for m in ("error", "nearest") if values[m] is not None)
     n = len(next(iter(video["objects"].values())))
     shown = [cut + int(f) for f in spaced(n, SHOWN_FRAMES + 1)[1:]]
-    pictures = [_frames(video[kind], shown, fps) for kind in ("seen", "generated")]
+    world = world_in(read_truth_file(video["truth"]))
+    pictures = [_frames(video[kind], shown, fps, world) for kind in ("seen", "generated")]
     figures = []
     for k, f in enumerate(shown):
         errors = [f"{name} {row[f - cut]:.2f}" for name, row in video["objects"].items() if row[f - cut] is not None]
@@ -137,9 +143,10 @@ def _case(video: Mapping[str, Any], cut: int, fps: float) -> str:
     return f"<h3>{html.escape(video['name'])}: {html.escape(said)}</h3><div class=row>{''.join(figures)}</div>"
 
 
-def _frames(path: str, wanted: Sequence[int], fps: float) -> list[Any]:
-    """Frames of a video with the size `SHOWN_SIZE_PX`; none if the path is that of proposals."""
+def _frames(path: str, wanted: Sequence[int], fps: float, world: World) -> list[Any]:
+    """Frames of a video with the width `SHOWN_WIDTH_PX`; none if the path is that of proposals."""
     if not path.endswith(".mp4"):
         return []
-    frames = [frame for i, frame in enumerate(read_frames(path, fps=fps, note=unsaid)) if i in wanted]
-    return [cv2.resize(frame, SHOWN_SIZE_PX, interpolation=cv2.INTER_AREA) for frame in frames]
+    size_px = SHOWN_WIDTH_PX, round(SHOWN_WIDTH_PX * world.camera.height / world.camera.width)
+    frames = [frame for i, frame in enumerate(read_frames(path, fps=fps, note=unsaid, world=world)) if i in wanted]
+    return [cv2.resize(frame, size_px, interpolation=cv2.INTER_AREA) for frame in frames]

@@ -12,17 +12,15 @@ from nsdr.types import Event, SceneObject
 from nsdr.types.arrays import ArrayHolder
 from nsdr.types.events import SAME_EVENT_FRAMES
 from nsdr.validation import Array, BoolArray, FloatArray, IntArray
-from nsdr.world.world import CLEVRER_WORLD
+from nsdr.world.world import World
 
 Sums = dict[str, Any]
 """Sums by name: a number, or a list with a number for each frame after the cut. Sums of several runs or videos can be added."""
 MIN_GIVEN_FRAMES = 8
 """An object must be in the image in at least this many of the given frames to be known from them."""
-TOUCHING_FRAMES = CLEVRER_WORLD.physics.contact_pause_frames
-"""A pair that collides at most this long before the cut may still touch at the cut (frames)."""
 KERNEL_WORLD, KERNEL_FREEDOM = 0.02, 3.0
-"""Scale (world units) and degrees of freedom of Student's t distribution around each position of a possible future. The scale
-is about twice the mean error with which the frame parser sees positions (the row "truth, as perceived" in
+"""Scale (world units in CLEVRER) and degrees of freedom of Student's t distribution around each position of a possible future.
+The scale is about twice the mean error with which the frame parser sees positions (the row "truth, as perceived" in
 docs/video_models.md); the tails reach to what lies between the futures."""
 
 
@@ -58,6 +56,7 @@ class TrueFuture(ArrayHolder):
             scored.
         collisions: the first collision of each pair after the cut that can be predicted and is in the image.
         touching: pairs that collide near the cut, whose collisions are not scored.
+        world: the world of the scene.
     """
 
     objects: tuple[SceneObject, ...]
@@ -67,6 +66,7 @@ class TrueFuture(ArrayHolder):
     asked: Annotated[BoolArray, Array("objects", "F")]
     collisions: tuple[Event, ...]
     touching: frozenset[tuple[int, ...]]
+    world: World
 
     @property
     def known(self) -> list[int]:
@@ -109,9 +109,11 @@ def true_future(truth: Mapping[str, Any], cut: int, end: int) -> TrueFuture:
             known_until[pair] = np.minimum(known_until[pair], e.frame)
     asked = (scene.visible & (np.arange(end) < known_until[:, None]))[:, cut:]
     given = np.where(scene.visible[:, :cut, None], location[:, :cut], np.nan)
-    touching = frozenset(e.objects for e in collisions if cut - TOUCHING_FRAMES <= e.frame <= cut + SAME_EVENT_FRAMES)
+    # A pair that collides this long before the cut may still touch at the cut.
+    first_frame = cut - scene.world.physics.contact_pause_frames
+    touching = frozenset(e.objects for e in collisions if first_frame <= e.frame <= cut + SAME_EVENT_FRAMES)
     objects = tuple(sorted(scene.objects, key=lambda o: o.id))
-    future = TrueFuture(objects, cut, given, location[:, cut:], asked, (), touching)
+    future = TrueFuture(objects, cut, given, location[:, cut:], asked, (), touching, scene.world)
     first = future.counted(collisions).items()
     return replace(future, collisions=tuple(Event("collision", frame, pair) for pair, frame in first))
 
@@ -125,11 +127,13 @@ class PossibleFutures:
 
     Attributes:
         location_world: (R, n, F, 2) positions in each run (world units).
+        kernel_world: scale of the distribution around each position (world units).
         pairs: pairs that collide in at least one run.
     """
 
     def __init__(self, runs: Sequence[Continuation], truth: TrueFuture) -> None:
         self.location_world = np.stack([run.location_world for run in runs])
+        self.kernel_world = KERNEL_WORLD * truth.world.scales.size
         self.pairs = frozenset(pair for run in runs for pair in truth.counted(run.collisions))
         others = [self.log_density(run.location_world, leave_out=r) for r, run in enumerate(runs)]
         self.reference: FloatArray = np.mean(others, axis=0)
@@ -143,9 +147,9 @@ class PossibleFutures:
     def log_density(self, location_world: FloatArray, leave_out: int | None = None) -> FloatArray:
         """(n, F) log density of positions (n, F, 2), up to a constant, under a mixture of Student's t around the runs.
 
-        density ∝ mean over runs of (1 + (distance / s)² / ν)^(-(ν + 2) / 2), s = `KERNEL_WORLD`, ν = `KERNEL_FREEDOM`
+        density ∝ mean over runs of (1 + (distance / s)² / ν)^(-(ν + 2) / 2), s = `kernel_world`, ν = `KERNEL_FREEDOM`
         """
-        squared = (self.distances(location_world, leave_out) / KERNEL_WORLD) ** 2
+        squared = (self.distances(location_world, leave_out) / self.kernel_world) ** 2
         kernel = (1 + squared / KERNEL_FREEDOM) ** (-(KERNEL_FREEDOM + 2) / 2)
         return np.asarray(np.log(kernel.mean(0)))
 
