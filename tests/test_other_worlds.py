@@ -380,6 +380,13 @@ def test_a_broken_law_is_found(law: str) -> None:
     assert (laws(scene), laws(made[0])) == ([], [law])
 
 
+def test_objects_that_rebound_little_can_react_too_much() -> None:
+    blocks = nsdr.read_world("blocks")
+    made = break_law(simulate_scene(300004, removals=False, world=blocks), "reaction", "clear", 300004)
+    assert made is not None
+    assert made[1].amount == pytest.approx(0.55**2 + 1.26, abs=1e-4)
+
+
 def test_of_one_word_nothing_can_differ() -> None:
     one_material = replace(DISCS, vocabulary=replace(DISCS.vocabulary, materials=DISCS.vocabulary.materials[:1]))
     made = break_law(simulate_scene(40, removals=False, world=one_material), "identity", "clear", 40)

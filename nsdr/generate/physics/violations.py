@@ -28,7 +28,7 @@ AMOUNTS = {
     "inertia": (1.0, 0.3, 0.1),
     "friction": (1.2, 0.5, 0.15),
     "solidity": (0.1, 0.2, 0.32),
-    "reaction": (1.9, 1.3, 0.9),
+    "reaction": (1.26, 0.66, 0.26),
     "distance": (0.4, 0.2, 0.08),
     "arrow": (2, 1, 0),
     "standstill": (15, 8, 5),
@@ -42,7 +42,8 @@ AMOUNTS = {
 - inertia: change of its velocity (world units/s)
 - friction: additional deceleration (world units/s²)
 - solidity: largest value of the least distance between two centres while one object passes through the other (world units)
-- reaction: restitution; in half of the clear cases, one of the two objects does not react at all instead
+- reaction: by how much the restitution is larger than the lawful one; in half of the clear cases, one of the two objects does
+  not react at all instead
 - distance: gap at which two objects repel each other (world units)
 - arrow: number of well visible collisions in the video, which is played backwards
 - standstill: number of identical frames"""
@@ -59,9 +60,9 @@ SLIDING_FRAMES = 40
 MOVING_SPEED = 0.5
 """Least speed of objects that are missing for a time or stand still; objects whose friction changes are at least twice as fast
 (world units/s in CLEVRER)."""
-MIN_CLOSING_SPEED, MIN_RESTITUTION = 0.5, 0.4
-"""Least speed of approach in collisions whose effect is changed (world units/s in CLEVRER), and least share of it with which
-the objects part."""
+MIN_CLOSING_SPEED, MIN_RESTITUTION_SHARE = 0.5, 0.625
+"""Least speed of approach in collisions whose effect is changed (world units/s in CLEVRER), and least restitution that they
+show, as a share of the lawful one: less is shown by objects that touch with a corner or spin."""
 BEFORE, AFTER = 2, 3
 """Frames before and after a collision at which velocities are those before and after it."""
 
@@ -221,25 +222,26 @@ def _solidity(lawful: LawfulScene, distance: float, size: int) -> BrokenScene | 
     return None
 
 
-def _reaction(lawful: LawfulScene, restitution: float, size: int) -> BrokenScene | None:
+def _reaction(lawful: LawfulScene, excess: float, size: int) -> BrokenScene | None:
     """Two objects rebound faster than they can; or one rebounds as if from a wall, while the other moves on unchanged."""
     world = lawful.scene.world
     least_speed = MIN_CLOSING_SPEED * world.scales.speed
     for c in lawful.collisions():
+        usual = world.vocabulary.pair_restitution(*(lawful.scene.objects[i].material for i in c.bodies))
         f, first = c.frame + 1, c.frame - 1
         before, now, after = ([lawful.body(i, at) for i in c.bodies] for at in (first, f, c.frame + AFTER))
         changes = [np.subtract(a.velocity, b.velocity) for a, b in zip(after, before, strict=True)]
         normal = changes[0] / max(float(np.linalg.norm(changes[0])), 1e-9)
         closing = float(np.subtract(before[1].velocity, before[0].velocity) @ normal)
         apart = float(np.subtract(after[0].velocity, after[1].velocity) @ normal)
-        if closing < least_speed or apart < MIN_RESTITUTION * closing:
+        if closing < least_speed or apart < MIN_RESTITUTION_SHARE * usual * closing:
             continue
         wall = size == 0 and lawful.rng.random() < 0.5
         if wall:
             push, still = (closing + apart) * normal, np.zeros(3)
             pushes = [push, still] if lawful.rng.random() < 0.5 else [still, -push]
         else:
-            pushes = [change * (1 + restitution) / (1 + apart / closing) for change in changes]
+            pushes = [change * (1 + usual + excess) / (1 + apart / closing) for change in changes]
         # When they touch: both moved at the velocities before it, then at those after it.
         seconds = (f - first) * world.physics.frame_seconds
         places = [lawful.scene.motion.location_world[i, first] for i in c.bodies]
@@ -256,7 +258,7 @@ def _reaction(lawful: LawfulScene, restitution: float, size: int) -> BrokenScene
             states[i] = replace(n, location_world=(x, y, n.location_world[2]), velocity=tuple(velocity.tolist()))
         scene = lawful.resumed(f, states)
         if lawful.is_calm(scene, c.bodies, f):
-            amount, unit = (0.0, "share") if wall else (restitution, "restitution")
+            amount, unit = (0.0, "share") if wall else (usual + excess, "restitution")
             return scene, lawful.violation("reaction", c.bodies, c.frame, c.frame + 1, amount, unit)
     return None
 
