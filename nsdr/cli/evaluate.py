@@ -183,7 +183,8 @@ def compare_videos(options: Any) -> int:
     about = (o.given_frames, o.runs, o.split, o.checkpoint, settings, o.engine, o.workers, o.device)
     report = run(o.root, o.generated, o.output, *about)
     given = f"--root {o.root} --generated {o.generated} --given-frames {o.given_frames} --runs {o.runs}"
-    command = f"nsdr compare-videos {given}{f' --split {o.split}' if o.split else ''} -o {o.output}"
+    chosen = f"--checkpoint {o.checkpoint}{f' --split {o.split}' if o.split else ''}"
+    command = f"nsdr compare-videos {given} {chosen} -o {o.output}"
     paths = write_files(report, Path(o.output), command)
     print(markdown_table(report))
     print("\n".join(map(str, paths)))
