@@ -272,7 +272,7 @@ def test_every_public_name_says_what_it_does_and_of_what_shape() -> None:
 
 def test_notebooks_can_be_read_without_being_run() -> None:
     files = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
-    assert len(files) == 5
+    assert len(files) == 6
     for file in files:
         text = file.read_text()
         assert len(text) < 500_000, file
