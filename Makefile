@@ -31,7 +31,7 @@ browser: .venv/installed-browser
 bench: .venv/installed-dev
 	$(BIN)/python -m benchmarks.speed -o results/speed.md $(if $(DATA),--data $(DATA))
 
-# Runs the notebooks and keeps what they print and draw: about twenty-five minutes of processor time.
+# Runs the notebooks and keeps what they print and draw: about twenty-five minutes.
 notebooks: .venv/installed-dev
 	OMP_NUM_THREADS=1 $(BIN)/python .ci/notebooks.py notebooks/*.ipynb
 
