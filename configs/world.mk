@@ -1,13 +1,13 @@
 # Makes data and weights of a world: `make world NAME=pucks` for one that ships, `make world NAME=mine WORLD=mine.yaml` for your own.
 # VIDEOS are for training. What is finished is not made again; the same command resumes what was killed. Data and runs are written
-# below RUNS, the weights to OUTPUT. STEPS=2 VIDEOS=4 only tries all commands.
+# below RUNS, the weights to OUTPUT. STEPS=2 VIDEOS=4 only tries all commands, in a folder of its own.
 NSDR ?= nsdr
 NAME ?= pucks
 WORLD ?= $(NAME)
 VIDEOS ?= 160
-RUNS ?= runs/worlds/$(NAME)
-OUTPUT ?= $(RUNS)/checkpoint
 STEPS ?=
+RUNS ?= runs/worlds/$(NAME)$(if $(STEPS),/try)
+OUTPUT ?= $(RUNS)/checkpoint
 
 TRY := $(if $(STEPS),--loop.steps $(STEPS) --loop.warmup-steps 0)
 DATA := $(RUNS)/data

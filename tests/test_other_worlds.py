@@ -30,8 +30,9 @@ from nsdr.dynamics.propnet.patch_predictor import PatchPropNetPredictor
 from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
 from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
 from nsdr.dynamics.scene import scene_from_prediction
-from nsdr.errors import DataError
+from nsdr.errors import DataError, VideoError
 from nsdr.evaluation.score import score_scenes
+from nsdr.frame_parser.check.video import VideoConfig, check_video
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.physics.bullet import Body, BulletConfig, BulletMotion, Simulator
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
@@ -91,6 +92,12 @@ DISCS = World(
     Look((0.1, 0.2, 0.3), (Lamp("lamp", (3.0, -3.0, 5.0), 0.8, 160.0),)),
     Layout(((3, 0.5), (4, 0.5)), 3),
 )
+
+
+def with_shapes(*shapes: Shape) -> World:
+    return replace(DISCS, vocabulary=replace(DISCS.vocabulary, shapes=shapes))
+
+
 UPRIGHT = (np.pi / 2, 0.0, 0.0)
 
 
@@ -358,11 +365,23 @@ def test_frames_show_the_colours_of_objects_and_table() -> None:
         ({"questions": None, "scene": SceneConfig(colors=("red",))}, "colors: expected some of orange, white, teal"),
         ({"questions": None, "scene": SceneConfig(held_out=("red disc",))}, "combinations such as orange wood disc"),
         ({"questions": None, "renderer": "blender"}, "render.assets|renderer blender: world discs: look"),
+        ({"questions": None, "world": with_shapes(DISC, replace(COIN, word="thing"))}, "thing: means something else"),
+        ({"questions": None, "world": with_shapes(DISC, replace(COIN, word="disk"))}, "disc, disk: one letter apart"),
     ],
 )
 def test_settings_that_do_not_fit_the_world_are_refused(settings, message) -> None:
     with pytest.raises(DataError, match=message):
-        DatasetConfig("set", world=DISCS, **settings)
+        DatasetConfig("set", **{"world": DISCS, **settings})
+
+
+def test_a_video_of_another_worlds_data_set_is_not_taken_for_clevrers(folder) -> None:
+    (video,) = find_files(folder / "videos", "video_00000.mp4")
+    with pytest.raises(
+        VideoError, match=r"of the world discs, and not of CLEVRER, .*--checkpoint with weights for discs"
+    ):
+        check_video(video)
+    check_video(video, VideoConfig("warn"))
+    assert check_video(video, world=DISCS).kind == "in"
 
 
 @pytest.mark.parametrize(
@@ -572,6 +591,18 @@ def test_the_judge_knows_the_laws_of_a_world(material) -> None:
     rough = [replace(one, friction=4 * one.friction) for one in DISCS.vocabulary.materials]
     vocabulary = replace(DISCS.vocabulary, materials=tuple(rough))
     assert "friction" in judged(replace(DISCS, vocabulary=vocabulary))
+
+
+def test_an_object_that_hits_two_others_at_once_breaks_no_law() -> None:
+    moved = [body(DISC, -1.6, 3.0, "steel"), body(DISC, 0.2, y=0.4), body(DISC, 0.35, material="steel", y=-0.3)]
+    assert [c.bodies for c in run(moved, 50).contacts] == [(0, 1), (0, 2)]
+    assert not judge_tracks(true_tracks(moved)).violations
+
+
+def test_an_object_that_is_hit_twice_while_it_looks_like_one_jump_breaks_no_law() -> None:
+    pucks = nsdr.read_world("pucks")
+    document = annotation_document(simulate_scene(300013, removals=False, world=pucks), 0, "video.mp4", pucks.camera)
+    assert not judge_tracks(tracks_from_annotation(document, pucks)).violations
 
 
 def test_the_judge_finds_what_breaks_the_laws_of_a_world() -> None:

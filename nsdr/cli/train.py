@@ -31,7 +31,8 @@ def train(arguments: list[str]) -> int:
     logging.getLogger("nsdr").setLevel(logging.INFO)
     folder = import_module(f"nsdr.training.{PARTS[part][0]}").main(rest)
     print(folder)
-    use = f'--checkpoint {folder}, or Pipeline.from_pretrained("{folder}"), which take other parts from the shipped weights'
+    others = "which take other parts from the shipped weights if those are for the same world"
+    use = f'--checkpoint {folder}, or Pipeline.from_pretrained("{folder}"), {others}'
     if part == "baseline":
         use = f'nsdr answer VIDEO "…" --system {folder}'
     print(f"To use these weights: {use}")

@@ -121,8 +121,7 @@ class DatasetConfig(Settings):
         """Raise `DataError` unless the scenes and the renderer fit the world."""
         self.scene.triples_in(world)
         self.render.size_in(world)
-        if self.questions is not None:
-            check_vocabulary(world.vocabulary)
+        check_vocabulary(world.vocabulary)  # without questions, too: they may be asked later
         if self.renderer == "blender":
             check_assets_fit(world)
 

@@ -91,11 +91,24 @@ def world_beside(file: str | Path) -> World:
     Raises:
         DataError: an unreadable manifest, or values that are no world.
     """
-    for folder in (Path(file).parent, Path(file).parent.parent):
+    return world_of_data_set(file, levels=2) or CLEVRER_WORLD
+
+
+def world_of_data_set(file: str | Path, levels: int = 4) -> World | None:
+    """The world of the generated data set that a file is in; None without a `manifest.json` in the folders above the file.
+
+    Args:
+        file: the file.
+        levels: number of folders above it that may be the data set's; videos are four levels below.
+
+    Raises:
+        DataError: an unreadable manifest, or values that are no world.
+    """
+    for folder in list(Path(file).absolute().parents)[:levels]:
         manifest = folder / "manifest.json"
         if manifest.is_file() and isinstance(content := read_json(manifest), dict):
             return world_in(content, f"{manifest}: ")
-    return CLEVRER_WORLD
+    return None
 
 
 @lru_cache(maxsize=16)

@@ -19,14 +19,15 @@ from nsdr.laws.breaks import (
     FIRST_NOISE_WORLD,
     JUMP_FRAMES,
     MIN_EVIDENCE,
+    SEEN_GAP_FRAMES,
     SURE_FRAMES,
     Break,
     cut,
-    kick_noise,
     merge,
     noise_of,
     positions_of,
 )
+from nsdr.laws.exchange import MIN_ALONG, collision_evidence
 from nsdr.laws.stretches import CUT_GAIN, TrackStretch
 from nsdr.validation import FloatArray
 from nsdr.world.camera import on_ground
@@ -35,11 +36,15 @@ REACH_NOISE_WORLD = 0.01
 """Standard deviation of the distance at which two objects touch (world units in CLEVRER)."""
 SAME_FRAMES = 3
 """Two objects whose motion changes within this many frames may do so in the same contact."""
+BETWEEN_HITS_WORLD = 0.25
+"""How far an object may move between two hits that look like one change: at the fastest start, in `SAME_FRAMES` (world units
+in CLEVRER)."""
 UNSEEN_FRAMES = 10
 """Objects may touch up to this long before they are first seen or after they are last seen (frames)."""
-CROWDED_FRAMES, CROWDED_WORLD = 10, 0.7
-"""The effect of a contact is unknown if the motion of one of the objects, or of a third object this near (world units in
-CLEVRER), also changes within this many frames. Chosen on the training suites of docs/judge.md."""
+CROWDED_FRAMES, CROWDED_WIDTHS = 10, 1.75
+"""The effect of a contact is unknown if the motion of one of the objects, or of a third object this near (distance of the
+centres in mean widths of the two objects), also changes within this many frames. Chosen on the training suites of
+docs/judge.md."""
 MAX_HIDDEN_FRAMES = 24
 """If an object is hidden for longer at a change, the change does not show the effect of a single contact (frames)."""
 CAUSE_FRAMES = 6
@@ -56,9 +61,6 @@ measured in official proposals."""
 MIN_CLOSING_WORLD_PER_S = 0.05
 """Lower limit of the approach speed by which the separation speed is divided for a restitution (world units/s
 in CLEVRER)."""
-MIN_ALONG = 0.6
-"""Smallest cosine of the angle between an impulse and the line of centres, which differ because cubes push along the normal of
-their sides."""
 
 
 class Evidence(NamedTuple):
@@ -148,9 +150,14 @@ class PiecewiseMotion:
             jump, kick, contacts = b.jump(), b.kick(), self._contacts(b)
             frame = round(b.frame)
             if jump.nats > kick.nats:
-                # An object that is not seen for long may have been hit twice.
-                touched = min((c.gap_nats for c in contacts), default=np.inf)
-                nats = jump.nats if b.missing_frames <= JUMP_FRAMES else min(jump.nats, touched)
+                # An object that is not seen for long, or that touches two others, may have moved on between two hits.
+                touched = [*sorted(c.gap_nats for c in contacts), np.inf, np.inf]
+                if b.missing_frames > JUMP_FRAMES:
+                    nats = min(jump.nats, touched[0])
+                elif jump.size < BETWEEN_HITS_WORLD * self.states.world.scales.frame:
+                    nats = min(jump.nats, touched[1])
+                else:
+                    nats = jump.nats
                 if nats > MIN_EVIDENCE:
                     yield Evidence("continuity", (b.i,), frame, frame + 1, jump.size, "world units", nats)
                 continue
@@ -202,12 +209,21 @@ class PiecewiseMotion:
             return None
         sides = self._sides(b, j)
         exchange, restitution = None, np.nan
-        if sides is not None and not self._is_crowded(b, j):
-            # An object that is hidden for long may have changed twice.
-            hidden = [o.hidden_frames for o in (b, *self._changes_with(b, j))]
-            if max(hidden) <= MAX_HIDDEN_FRAMES and all(len(s) >= SURE_FRAMES for s in (b.before, b.after, *sides)):
-                exchange, restitution = self._exchange(b, j, sides)
+        is_seen = sides is not None and all(len(s) >= SURE_FRAMES for s in (b.before, b.after, *sides))
+        if is_seen and not self._is_crowded(b, j) and not self._may_have_changed_twice(b, j):
+            assert sides is not None
+            exchange, restitution = self._exchange(b, j, sides)
         return _Contact(j, gap, nats, exchange, restitution)
+
+    def _may_have_changed_twice(self, b: Break, j: int) -> bool:
+        """Whether object b.i or j is hidden around a contact for long, or while a third object may touch it."""
+        others = [k for k in range(len(self.stretches)) if k not in (b.i, j)]
+        for o in (b, *self._changes_with(b, j)):
+            if o.hidden_frames > MAX_HIDDEN_FRAMES:
+                return True
+            if o.hidden_frames > SEEN_GAP_FRAMES and any(self._gap(o, k)[1] < TOUCH_NATS for k in others):
+                return True
+        return False
 
     def _changes_with(self, b: Break, j: int) -> list[Break]:
         """Changes of object j at the time of another change."""
@@ -243,10 +259,12 @@ class PiecewiseMotion:
 
     def _is_crowded(self, b: Break, j: int) -> bool:
         """Whether other changes happen around a contact with object j, so that its effect cannot be seen alone."""
-        frame, pair, crowded = b.frame, [b.i, j], CROWDED_WORLD * self.states.world.scales.size
+        frame, pair = b.frame, [b.i, j]
+        half_width = np.array([one[0].shape.half_width_world for one in self.stretches])
         around = slice(max(round(frame) - CROWDED_FRAMES, 0), round(frame) + CROWDED_FRAMES + 1)
         places = np.where(self.states.present[..., None], self.states.location_world, np.nan)[:, around]
         for k, breaks in enumerate(self.breaks):
+            crowded = CROWDED_WIDTHS * (half_width[pair] + half_width[k])[:, None]
             for other in breaks:
                 since = abs(other.frame - frame)
                 if since > CROWDED_FRAMES or other.is_doubtful:
@@ -306,11 +324,11 @@ class PiecewiseMotion:
         return np.geomspace(low / high, high / low, MASS_RATIOS)
 
     def _exchange(self, b: Break, j: int, sides: Sequence[TrackStretch]) -> tuple[float, float]:
-        """`_exchange` of a changing object with object j, whose motion before and after the change is `sides`."""
+        """`collision_evidence` of a changing object with object j, whose motion before and after the change is `sides`."""
         world, objects = self.states.world, self.states.objects
         restitution = world.vocabulary.pair_restitution(objects[b.i].material, objects[j].material)
         most, least_speed = restitution + MORE_RESTITUTION, MIN_CLOSING_WORLD_PER_S * world.scales.speed
-        return _exchange((b.before, b.after), sides, b.frame, self._mass_ratios, most, least_speed)
+        return collision_evidence((b.before, b.after), sides, b.frame, self._mass_ratios, most, least_speed)
 
 
 def strongest(found: Iterable[Evidence]) -> list[Evidence]:
@@ -362,57 +380,3 @@ def _distance(one: TrackStretch, other: TrackStretch, frames: FloatArray) -> Flo
 def _touching(one: TrackStretch, other: TrackStretch) -> float:
     """The least distance of the centres of two objects that do not overlap (world units)."""
     return sum(min(s.shape.size_world[:2]) / 2 for s in (one, other))
-
-
-def _exchange(
-    mine: Sequence[TrackStretch],
-    other: Sequence[TrackStretch],
-    frame: float,
-    ratios: FloatArray,
-    max_restitution: float,
-    min_closing: float,
-) -> tuple[float, float]:
-    """Evidence against a lawful collision in the velocity changes of two objects (nats), and their coefficient of restitution.
-
-    Under the laws, the impulses on both objects are opposite, within acos(`MIN_ALONG`) of the line of centres.
-    They are at most those of `max_restitution` and, unless one object is a box, which may start to spin, at least those of a
-    perfectly inelastic collision.
-
-    Args:
-        mine: stretches of the first object before and after the collision.
-        other: stretches of the second object before and after the collision.
-        frame: frame of the collision.
-        ratios: ratios of the masses of the two objects.
-        max_restitution: largest restitution that the collision may show.
-        min_closing: lower limit of the approach speed by which the separation speed is divided (world units/s).
-    """
-    at = np.array([frame])
-    p, q = mine[0].position_at(at)[0], other[0].position_at(at)[0]
-    (before, after), (other_before, other_after) = ([s.velocity_at(at)[0] for s in pair] for pair in (mine, other))
-    change, other_change = after - before, other_after - other_before
-    variance, other_variance = (
-        sum((s.velocity_variance(s.track.noise) for s in pair), kick_noise(pair[0]) ** 2) for pair in (mine, other)
-    )
-    away = (p - q) / max(float(np.hypot(*(p - q))), 1e-9)
-    approach = before - other_before
-    rotates = any(pair[0].shape.solid == "box" for pair in (mine, other))
-    best = np.inf
-    for ratio in ratios:
-        # The impulse (per mass of the first object) that explains both changes best, then the nearest one that is allowed.
-        weight, other_weight = 1 / variance, ratio**2 / other_variance
-        impulse = (weight * change - other_weight / ratio * other_change) / (weight + other_weight)
-        size = float(np.hypot(*impulse))
-        normal = impulse / size if size > 0 else away
-        if normal @ away < MIN_ALONG:
-            normal, size = away, max(float(impulse @ away), 0.0)
-        # The direction of a small impulse is not well known, and so neither is the approach speed along it.
-        closing, across = -float(approach @ normal), float(np.hypot(*(approach - (approach @ normal) * normal)))
-        off_by = 2 * across * min(float(min(variance, other_variance)) ** 0.5 / max(size, 1e-9), 1.0)
-        least, most = (max(closing + sign * off_by, 0.0) / (1 + ratio) for sign in (-1, 1))
-        size = min(max(size, 0.0 if rotates else least), (1 + max_restitution) * most)
-        impulse = size * normal
-        off, other_off = change - impulse, other_change + ratio * impulse
-        best = min(best, float(off @ off) / (2 * variance) + float(other_off @ other_off) / (2 * other_variance))
-    closing = -float(approach @ away)
-    apart = float((after - other_after) @ away)
-    return best, apart / max(closing, min_closing)

@@ -26,6 +26,7 @@ from nsdr.io.decoding import RATES, check_is_video
 from nsdr.io.images import Frames, Video, VideoSource, video_of
 from nsdr.io.notes import Note, as_warnings
 from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
+from nsdr.io.worlds import world_of_data_set
 from nsdr.validation import FloatArray, PositiveCount, Settings
 from nsdr.world.world import CLEVRER_WORLD, World
 
@@ -95,10 +96,13 @@ def check_video(path: VideoSource, config: VideoConfig | None = None, world: Wor
         world: what the video should be of.
 
     Raises:
-        VideoError: the file cannot be read, or the video is "refused" and the configuration wants an error.
+        VideoError: the file cannot be read; or the configuration wants an error, and the video is "refused", or in a data set
+            that was generated in another world.
         DataError: the background of the configuration cannot be read.
     """
     path, config = video_of(path), config or VideoConfig()
+    if isinstance(path, Path) and config.check == "refuse":
+        _check_data_set(path, world)
     if config.check == "off" or (world.look != CLEVRER_WORLD.look and not config.background):
         return VideoCheck()
     found = _found_in(path, config, world)
@@ -110,6 +114,17 @@ def check_video(path: VideoSource, config: VideoConfig | None = None, world: Wor
             "the documentation's page 'Make your own benchmark' is about other scenes"
         )
     return found
+
+
+def _check_data_set(path: Path, world: World) -> None:
+    """Raise `VideoError` if a video is in a data set that was generated in another world."""
+    theirs = world_of_data_set(path)
+    if theirs is not None and (differing := theirs.differences(world)):
+        raise VideoError(
+            f"{path}: is of a data set of the world {theirs.name}, and not of {world.name}, which has other "
+            f"{', '.join(differing)}; give --checkpoint with weights for {theirs.name}, or --force (in Python, "
+            "VideoConfig(check='warn'))"
+        )
 
 
 def _found_in(path: Video, config: VideoConfig, world: World) -> VideoCheck:
