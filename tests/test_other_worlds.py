@@ -43,12 +43,14 @@ from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
 from nsdr.generate.scene_files import annotation_document, proposal_document, solids_at, truth_document
 from nsdr.generate.violations import ViolationsConfig, generate_violations
+from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import find_files, write_json
 from nsdr.io.reading import read_json
 from nsdr.io.video import frame_rate
 from nsdr.io.worlds import world_in
 from nsdr.laws.evidence import evidence_of
 from nsdr.laws.judge import judge_tracks
+from nsdr.question_parser.loading import load_parser
 from nsdr.symbolic.quantities import Quantities
 from nsdr.tracking.localization import ground_location, outline, size_notes
 from nsdr.tracking.speeds import speed_notes
@@ -614,6 +616,15 @@ def test_the_judge_finds_what_breaks_the_laws_of_a_world() -> None:
     (found,) = judge_tracks(replace(lawful, tracks=(replace(first, location_world=place), second))).violations
     assert (found.law, found.objects) == ("inertia", (0,))
     assert abs(found.frame - first.frame_index[12]) <= 1
+
+
+@pytest.mark.parametrize(("name", "noun"), [("pucks", "puck"), ("blocks", "brick")])
+def test_the_shipped_question_parsers_read_the_words_of_their_world(name: str, noun: str) -> None:
+    parser = load_parser("network", find_checkpoint(name), vocabulary=nsdr.read_world(name).vocabulary)
+    program = str(parser.parse(f"How many {noun}s enter the scene?"))
+    assert program == f"events objects {noun} filter_shape filter_in count"
+    with pytest.raises(nsdr.NsdrError, match="unknown word 'cubes'"):
+        parser.parse("How many cubes are there?")
 
 
 @pytest.mark.parametrize("name", ["pucks", "blocks"])
