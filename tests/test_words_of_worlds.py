@@ -1,5 +1,6 @@
 """Questions, answers and programs in the words of another world, from the generator to the executor."""
 
+import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+import nsdr
 from nsdr import CLEVRER, CheckpointError, Executor, QuestionParser, Scene, narrate, verify
 from nsdr.baselines.features.extraction import WordExtraction, annotation_features, extract_features
 from nsdr.baselines.features.files import WordConfig
@@ -30,6 +32,7 @@ from nsdr.generate.export.formats import FORMATS, Sample
 from nsdr.generate.questions.candidates import EXTENSION_KINDS
 from nsdr.generate.questions.selection import QuestionConfig, world_of
 from nsdr.io.reading import read_json
+from nsdr.question_parser.base import read_programs
 from nsdr.question_parser.grammar import GrammarParser, readings
 from nsdr.question_parser.language_model import NO_PROGRAM, examples
 from nsdr.question_parser.loading import load_parser
@@ -204,6 +207,41 @@ def test_candidates_are_read_in_the_scenes_words(root: Path) -> None:
         None,
     ]
     assert "expected one material: wood, steel" in answer.choices[2].error
+
+
+def test_a_pipeline_of_another_world_reads_the_words_of_the_scene(
+    root: Path, tmp_path: Path, capsys, example_scene
+) -> None:
+    pipeline = nsdr.Pipeline.from_pretrained(config=nsdr.PipelineConfig(extensions=True), device="cpu")
+    scene, question = next((scene, q) for scene, q in asked(root) if q.type == "descriptive")
+    assert pipeline.answer(scene, question.text).text == question.answer
+    assert pipeline.question_parser.vocabulary == CLEVRER_WORLD.vocabulary
+    shown = scene.objects[0]
+    named = f"events objects {shown.shape} filter_shape {shown.color} filter_color filter_collision count"
+    assert pipeline.answer(scene, program=named).text == pipeline.answer(scene, named).text
+    choices = f"The {shown.name} and the {scene.objects[1].name} collide", "The red cube and the blue sphere collide"
+    told = pipeline.answer(scene, "Which event will happen next?", choices)
+    assert [bool(c.error) for c in told.choices] == [False, True]
+    with pytest.raises(nsdr.QuestionError, match="the nearest questions: How many") as refused:
+        pipeline.answer(scene, "How many cubes are there?")
+    assert "cube" not in "".join(refused.value.nearest)
+    saved = tmp_path / "scene.json"
+    nsdr.save(saved, scene)
+    assert main(["answer", str(saved), question.text, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["answer"] == question.answer
+    of_discs = GrammarParser(vocabulary=DISCS.vocabulary)
+    parsed, _ = read_programs(of_discs, "How many red cubes are there?", scene=example_scene)
+    assert parsed.tokens == ("objects", "red", "filter_color", "cube", "filter_shape", "count")
+
+
+def test_a_parser_that_only_knows_the_words_of_another_world_refuses_the_scene(root: Path) -> None:
+    scene, _ = next(asked(root))
+    both = r"of the world discs, and QuestionParser only reads the words of the world CLEVRER; .* \(--checkpoint\).* grammar"
+    networks = load_parser("network", device="cpu")
+    with pytest.raises(DataError, match=both):
+        read_programs(networks, "How many orange coins are there?", scene=scene)
+    parsed, _ = read_programs(networks, "objects orange filter_color count", scene=scene)
+    assert parsed.tokens == ("objects", "orange", "filter_color", "count")
 
 
 def test_networks_are_trained_on_the_words_of_a_data_set_and_refused_for_others(root: Path, tmp_path: Path) -> None:

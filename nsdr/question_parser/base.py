@@ -4,13 +4,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
 
-from nsdr.errors import EndpointError, NsdrError, ProgramError, QuestionError
+from nsdr.errors import DataError, EndpointError, NsdrError, ProgramError, QuestionError
 from nsdr.io.registry import checked_result
 from nsdr.question_parser.suggestions import QUESTION_KINDS, intervention_hint, nearest_questions
 from nsdr.symbolic import Program
 from nsdr.symbolic.program import CHOICE_KINDS, SAID_KINDS, TOLD_KINDS, ProgramSource
 from nsdr.types import Scene
 from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.world import CLEVRER_WORLD
 
 
 class Parser(ABC):
@@ -46,6 +47,14 @@ class Parser(ABC):
         if isinstance(program, NsdrError):
             raise program
         return program
+
+    def in_words(self, vocabulary: Vocabulary) -> "Parser | None":
+        """This parser for other words of objects; None where it only knows its own, like trained networks.
+
+        Raises:
+            DataError: questions cannot have the vocabulary.
+        """
+        return None
 
 
 def vocabulary_of(parser: Parser) -> Vocabulary:
@@ -84,18 +93,19 @@ def read_programs(
         choices: texts of the choices of a multiple-choice question, which may be programs; or candidates for the answer of a
             descriptive one.
         program, choice_programs: programs in place of parsing the texts.
-        scene: whose objects suggestions may name; None for none.
+        scene: whose words are read and whose objects suggestions may name; None for the words of the parser.
 
     Raises:
         QuestionError: the question fits no program (names the nearest texts that do), a multiple-choice question has no
             choices, a descriptive one has choice programs, there are not as many programs as choices, or a text stands in
             place of a list.
         ProgramError: a given program is malformed.
+        DataError: the parser only knows the words of another world than the scene's; names both.
     """
     for name, given in (("choices", choices), ("choice_programs", choice_programs)):
         if isinstance(given, str):
             raise QuestionError(f"{name}: expected a list, such as [{given!r:.60}], got a text")
-    vocabulary = vocabulary_of(parser)
+    vocabulary = vocabulary_of(parser) if scene is None else scene.world.vocabulary
     if program is not None:
         parsed = Program.parse(program, vocabulary)
     else:
@@ -122,11 +132,13 @@ def read_programs(
 
 def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Program | QuestionError:
     """The program that the text is or stands for; or why it has none, and the nearest texts that have one."""
-    vocabulary = vocabulary_of(parser)
+    vocabulary = vocabulary_of(parser) if scene is None else scene.world.vocabulary
     with suppress(ProgramError):
         program = Program.parse(text, vocabulary)
         if program.result in (CHOICE_KINDS if kind == "choice" else SAID_KINDS):
             return program
+    if scene is not None:
+        parser = _in_words_of(scene, parser)
     try:
         return checked_result(parser.parse(text, kind), Program, parser, "parse")
     except QuestionError as e:
@@ -135,3 +147,21 @@ def _parsed(parser: Parser, text: str, kind: str, scene: Scene | None) -> Progra
         kinds, what = ((kind,), "options") if kind == "choice" else (QUESTION_KINDS, "questions")
         hint = "" if kind == "choice" else intervention_hint(text, vocabulary)
         return QuestionError(str(e) + hint, nearest_questions(text, scene, *kinds, vocabulary=vocabulary), what)
+
+
+def _in_words_of(scene: Scene, parser: Parser) -> Parser:
+    """The parser for the words of the scene's world; raises `DataError` if it only knows others."""
+    theirs, known = scene.world.vocabulary, vocabulary_of(parser)
+    if known == theirs:
+        return parser
+    other = parser.in_words(theirs) if isinstance(parser, Parser) else None
+    if other is not None:
+        return other
+    if known.words == theirs.words:
+        return parser
+    own = getattr(parser, "world", CLEVRER_WORLD)
+    raise DataError(
+        f"the scene is of the world {scene.world.name}, and {type(parser).__name__} only reads the words of the world "
+        f"{own.name}; give weights of the world {scene.world.name} (--checkpoint), or take the question parser grammar, which "
+        "reads the words of any scene"
+    )

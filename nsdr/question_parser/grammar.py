@@ -67,6 +67,10 @@ class GrammarParser(Parser):
                 found.append(e)
         return found
 
+    def in_words(self, vocabulary: Vocabulary) -> "GrammarParser":
+        """See `Parser`."""
+        return GrammarParser(self.extensions, vocabulary)
+
     def _parsed(self, text: str, kind: str) -> Program:
         words = self.vocabulary
         programs = extension_readings(text, kind, words) if self.extensions else []

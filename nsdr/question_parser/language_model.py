@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Iterator, Sequence
+from copy import copy
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -94,6 +95,12 @@ class LanguageModelParser(Parser):
             except NsdrError as e:
                 found.append(e)
         return found
+
+    def in_words(self, vocabulary: Vocabulary) -> "LanguageModelParser":
+        """See `Parser`."""
+        other = copy(self)
+        other.vocabulary = vocabulary
+        return other
 
     def _only_model(self) -> str:
         listed = getattr(self._requested("/models", self._client.models.list), "data", None)
