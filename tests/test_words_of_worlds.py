@@ -19,7 +19,15 @@ from nsdr.baselines.systems.program_graph import instructions
 from nsdr.baselines.trained import TrainedBaseline
 from nsdr.claims.reading import read_sentence, written
 from nsdr.claims.statements import ObjectPhrase, Statement
-from nsdr.clevrer import prompt, read_questions, read_response, scene_from_annotation, scene_from_truth, solution
+from nsdr.clevrer import (
+    prompt,
+    read_questions,
+    read_response,
+    scene_from_annotation,
+    scene_from_truth,
+    solution,
+    write_responses,
+)
 from nsdr.clevrer.answers.answer_forms import read_candidate
 from nsdr.clevrer.files.annotations import read_truth_file
 from nsdr.clevrer.files.questions import PLAIN, Question, SceneQuestions, write_questions
@@ -31,7 +39,9 @@ from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.export.formats import FORMATS, Sample
 from nsdr.generate.questions.candidates import EXTENSION_KINDS
 from nsdr.generate.questions.selection import QuestionConfig, world_of
+from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
+from nsdr.io.worlds import read_world, store_world, stored_world
 from nsdr.question_parser.base import read_programs
 from nsdr.question_parser.grammar import GrammarParser, readings
 from nsdr.question_parser.language_model import NO_PROGRAM, examples
@@ -40,10 +50,12 @@ from nsdr.question_parser.tokenizer import decoder_tokens
 from nsdr.symbolic.reference import reference_page
 from nsdr.training.baselines import BaselineTask, BaselineTraining
 from nsdr.training.question_parser import main as train_question_parser
-from nsdr.world.world import CLEVRER_WORLD
+from nsdr.world.world import CLEVRER_WORLD, World
 
 from .test_other_worlds import DISCS
 from .test_vocabularies import ALIEN
+
+ALIEN_WORLD = World("alien", vocabulary=ALIEN)
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +85,10 @@ def test_a_data_set_and_its_question_files_know_their_world(root: Path) -> None:
         word for _, q in asked(root) for word in (*(q.program or ()), *q.text.split(), str(q.answer))
     )
     with pytest.raises(
-        DataError, match=r"answer: expected 0 to 32, yes, no or an attribute word, got '(orange|white|teal)'"
+        DataError,
+        match=r"expected 0 to 32, .* or an attribute word of the world CLEVRER, got '(orange|white|teal)'",
     ):
-        read_questions(root / "questions/train.json", CLEVRER_WORLD.vocabulary)
+        read_questions(root / "questions/train.json", CLEVRER_WORLD)
 
 
 def test_all_questions_are_read_as_their_programs(root: Path) -> None:
@@ -146,10 +159,52 @@ def test_questions_of_two_worlds_are_not_mixed(root: Path, tmp_path: Path, capsy
     (scene, _), *_ = asked(root)
     with pytest.raises(DataError, match="worlds discs, CLEVRER, which have different words"):
         world_of([scene, example_scene])
-    assert main(["generate", "questions", "--scenes", str(root / "truth"), "--output", str(tmp_path / "q.json")]) == 0
-    with pytest.raises(DataError, match="expected 0 to 32, yes, no or an attribute word"):
-        read_questions(tmp_path / "q.json")
-    assert read_questions(tmp_path / "q.json", DISCS.vocabulary)
+
+
+def test_question_files_outside_their_data_set_are_of_a_world_that_is_beside_them_or_given(
+    root: Path, tmp_path: Path, capsys
+) -> None:
+    written, file = tmp_path / "written/q.json", tmp_path / "q.json"
+    assert main(["generate", "questions", "--scenes", str(root / "truth"), "--output", str(written)]) == 0
+    listed = read_questions(written)
+    assert read_world(written.parent / "world.json") == DISCS
+    file.write_bytes(written.read_bytes())
+    with pytest.raises(DataError, match=r"an attribute word of the world CLEVRER, got .*; if .* put its world\.json"):
+        read_questions(file)
+    assert read_questions(file, written.parent / "world.json") == read_questions(file, DISCS) == listed
+
+    answers = tmp_path / "answers.jsonl"
+    write_responses(answers, (((s.scene_index, q.id), solution(q)) for s in listed for q in s.questions))
+    capsys.readouterr()
+    score = ["score", str(answers), "--questions"]
+    assert main([*score, str(written)]) == 0
+    first = capsys.readouterr().out
+    assert main([*score, str(file), "--world", str(written.parent / "world.json")]) == 0
+    assert capsys.readouterr().out == first
+    assert "cannot be read" not in first
+    assert main([*score, str(file)]) != 0
+    assert "--world" in capsys.readouterr().err
+
+    about = {"source": "truth", "data": str(root / "truth/train"), "types": ["descriptive"], "limit": 2, "workers": 1}
+    config = EvaluationConfig(str(file), cache=str(tmp_path / "cache"), **about)
+    assert config.world == DISCS
+    assert run_evaluation(config)["descriptive"]["accuracy"] == 1
+    other = tmp_path / "scenes"
+    other.mkdir()
+    assert EvaluationConfig(str(file), data=str(other)).world == CLEVRER_WORLD
+    about_weights = {"part": "collisions", "config": {}, **stored_world(DISCS)}
+    write_json(tmp_path / "weights/collisions.json", about_weights)
+    assert EvaluationConfig(str(file), data=str(other), checkpoint=str(tmp_path / "weights")).world == DISCS
+
+
+def test_question_files_are_not_written_beside_another_world(root: Path, tmp_path: Path, capsys) -> None:
+    store_world(tmp_path, ALIEN_WORLD)
+    scenes = ["--scenes", str(root / "truth"), "--output"]
+    assert main(["generate", "questions", *scenes, str(tmp_path / "q.json")]) != 0
+    assert "is of the world alien, which has other words than discs" in capsys.readouterr().err
+    assert main(["generate", "questions", *scenes, str(root / "questions/again.json")]) == 0
+    assert not (root / "questions/world.json").exists()
+    assert read_questions(root / "questions/again.json")
 
 
 def test_responses_are_read_and_scored_in_the_worlds_words(root: Path) -> None:

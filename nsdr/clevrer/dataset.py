@@ -193,7 +193,7 @@ class Split:
         path = self.question_file
         if path is None:
             raise DataError(f"{self.root}: has no questions/{self.name}.json")
-        return read_questions(path, self.world.vocabulary)
+        return read_questions(path, self.world)
 
     def path(self, kind: str, index: int) -> Path:
         """Path of a file of a kind ("videos", "annotations" or "proposals").

@@ -109,6 +109,8 @@ def score_options(parser: Any) -> None:
     add("predictions", help="JSON Lines, or an EvalAI submission")
     add("other", nargs="?", default=None, help="a second system's file, to be compared with the first")
     add("--questions", type=NotEmptyStr, required=True, help="question file with answers, CLEVRER's or MVBench's")
+    whose = "the world of the questions: a file, or the name of one that ships (default: that of their data set, or CLEVRER's)"
+    add("--world", type=NotEmptyStr, default=None, metavar="FILE_OR_NAME", help=whose)
     add("--allow-missing", action="store_true", help="leave out questions without an answer; else they count as wrong")
     add("-o", "--output", default=None, metavar="FILE", help="write the report as JSON")
 
@@ -120,18 +122,21 @@ def score(options: Any) -> int:
     from nsdr.evaluation.measures import compare_results, format_comparison
     from nsdr.evaluation.responses import score_responses
     from nsdr.io.files import write_json
-    from nsdr.io.worlds import world_beside
+    from nsdr.io.worlds import read_world, world_beside
 
     files = [options.predictions] if options.other is None else [options.predictions, options.other]
     check_outputs([options.questions, *files], (options.output, (".json",)))
     if is_candidate_file(options.questions):
+        if options.world:
+            raise DataError(f"--world would do nothing: {options.questions} is about CLEVRER's videos; leave it out")
         return _score_candidates(options, files)
-    questions, vocabulary = read_questions(options.questions), world_beside(options.questions).vocabulary
+    world = read_world(options.world) if options.world else world_beside(options.questions)
+    questions = read_questions(options.questions, world)
     reports = []
     for file in files:
         answers = read_answers(file)
         try:
-            reports.append(score_responses(questions, answers, options.allow_missing, vocabulary))
+            reports.append(score_responses(questions, answers, options.allow_missing, world.vocabulary))
         except DataError as e:
             raise DataError(f"{file} with {options.questions}: {e}") from e
         print(f"{file}:\n{reports[-1]}\n")

@@ -22,7 +22,7 @@ from nsdr.generate.statistics import write_question_statistics
 from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import check_output, check_output_folder, find_files, write_json
 from nsdr.io.tasks import ENGINES, run_in_order
-from nsdr.io.worlds import read_world
+from nsdr.io.worlds import read_world, store_world_beside
 from nsdr.language.reserved import check_vocabulary
 from nsdr.validation import Count, Settings, one_of
 
@@ -52,7 +52,8 @@ class QuestionOptions(Settings):
     Attributes:
         scenes: truth files (`truth_*.json`), annotation files, or compact ground truth (`.json` or `.json.gz` with a list
             of blocks); folders stand for the truth files, or else the annotation files, below them.
-        output: question file to write, with `.statistics.md` beside it.
+        output: question file to write, with `.statistics.md` beside it, and for another world than CLEVRER's with its
+            `world.json`, unless the folder is of a data set of that world.
         questions: which are wanted.
         engine: "processes" or "ray".
         workers: processes, 0 for one a CPU core.
@@ -107,6 +108,7 @@ def _questions(arguments: Sequence[str]) -> str:
     scenes: list[Any] = sorted((s for path in paths for s in iterate_scenes(path)), key=lambda scene: scene[0])
     world = world_of([scene for _, _, scene in scenes])
     check_vocabulary(world.vocabulary)
+    store_world_beside(options.output, world)
     if options.questions.changed_per_video:
         simulators = _simulators(paths)
         scenes = [(*scene, simulators.get(scene[0])) for scene in scenes]

@@ -12,10 +12,11 @@ from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_qu
 from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.evaluation.sources import SOURCES, Data
+from nsdr.io.checkpoint import find_checkpoint, world_of_checkpoint
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.tasks import ENGINES
-from nsdr.io.worlds import world_beside
+from nsdr.io.worlds import known_world_beside, world_beside
 from nsdr.pipeline_config import OF_QUESTIONS, PipelineConfig, pipeline_settings
 from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
 from nsdr.world.world import World
@@ -128,8 +129,14 @@ class EvaluationConfig(Settings):
 
     @property
     def world(self) -> World:
-        """The world of the questions."""
-        return world_beside(self.questions or Path(self.root) / "manifest.json")
+        """The world of the questions: what is beside their file says it, or else what is beside `data`, or the checkpoint."""
+        if self.root:
+            return world_beside(Path(self.root) / "manifest.json")
+        return (
+            known_world_beside(self.questions)
+            or known_world_beside(self.data)
+            or world_of_checkpoint(find_checkpoint(self.checkpoint))
+        )
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of the pipeline."""
@@ -166,7 +173,7 @@ def selected_questions(config: EvaluationConfig) -> tuple[list[SceneQuestions], 
         split = CLEVRER(config.root).split(config.split)
         listed, data = list(split.questions()), split
     else:
-        listed, data = read_questions(config.questions), Path(config.data)
+        listed, data = read_questions(config.questions, config.world), Path(config.data)
     listed = [s for s in listed if any(q.type in config.types for q in s.questions)]
     if isinstance(data, Split) and config.available:
         listed = [s for s in listed if _is_there(config, data, s)]

@@ -18,6 +18,8 @@ from nsdr.world.world import CLEVRER_WORLD, World
 
 WORLD_FILE = "world.json"
 """File with the world of a folder's content."""
+WorldSource = World | str | Path
+"""A world, its file, or the name of one that ships; see `read_world`."""
 
 
 def read_world(file_or_name: str | Path) -> World:
@@ -35,6 +37,15 @@ def read_world(file_or_name: str | Path) -> World:
     check_sections(World, content, str(file))
     world: World = convert(content, World, f"{file}: ")
     return world
+
+
+def as_world(world: WorldSource) -> World:
+    """The world itself. Files that were read are kept in memory.
+
+    Raises:
+        DataError: see `read_world`.
+    """
+    return world if isinstance(world, World) else _read_once(str(world))
 
 
 def world_of_folder(folder: str | Path) -> World:
@@ -84,31 +95,54 @@ def world_in(content: Mapping[str, Any], where: str = "") -> World:
 
 
 def world_beside(file: str | Path) -> World:
-    """The world of the generated data set that a file is of: its `manifest.json` is beside the file or one folder above.
-
-    It is CLEVRER's without one.
+    """The world of a file, see `known_world_beside`; CLEVRER's where nothing says which it is.
 
     Raises:
-        DataError: an unreadable manifest, or values that are no world.
+        DataError: an unreadable world or manifest, or values that are no world.
     """
-    return world_of_data_set(file, levels=2) or CLEVRER_WORLD
+    return known_world_beside(file) or CLEVRER_WORLD
 
 
-def world_of_data_set(file: str | Path, levels: int = 4) -> World | None:
-    """The world of the generated data set that a file is in; None without a `manifest.json` in the folders above the file.
+def known_world_beside(file: str | Path, levels: int = 2) -> World | None:
+    """The world of the `world.json` beside a file, or else that of the generated data set that the file is of.
+
+    None if there is neither.
 
     Args:
         file: the file.
-        levels: number of folders above it that may be the data set's; videos are four levels below.
+        levels: number of folders above the file of which one may have the data set's `manifest.json`: two above question files,
+            four above videos.
 
     Raises:
-        DataError: an unreadable manifest, or values that are no world.
+        DataError: an unreadable world or manifest, or values that are no world.
     """
-    for folder in list(Path(file).absolute().parents)[:levels]:
-        manifest = folder / "manifest.json"
+    folders = list(Path(file).absolute().parents)[:levels]
+    if (folders[0] / WORLD_FILE).is_file():
+        return read_world(folders[0] / WORLD_FILE)
+    for manifest in (folder / "manifest.json" for folder in folders):
         if manifest.is_file() and isinstance(content := read_json(manifest), dict):
             return world_in(content, f"{manifest}: ")
     return None
+
+
+def store_world_beside(file: str | Path, world: World) -> None:
+    """Write the world of a file that will be written into the `world.json` beside it, unless `world_beside` finds it anyway.
+
+    Raises:
+        DataError: what is beside the file says that it is of a world with other words.
+    """
+    known = known_world_beside(file)
+    if known is None:
+        store_world(Path(file).parent, world)
+    elif known.vocabulary != world.vocabulary:
+        raise DataError(
+            f"{file}: the folder is of the world {known.name}, which has other words than {world.name}; choose another folder"
+        )
+
+
+@lru_cache(maxsize=32)
+def _read_once(file_or_name: str) -> World:
+    return read_world(file_or_name)
 
 
 @lru_cache(maxsize=16)

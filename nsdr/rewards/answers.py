@@ -2,22 +2,17 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 from nsdr.clevrer.answers.responses import TAG, Response, read_response
 from nsdr.errors import DataError
-from nsdr.io.worlds import read_world
-from nsdr.world.vocabulary import Vocabulary
-from nsdr.world.world import CLEVRER_WORLD, World
+from nsdr.io.worlds import WorldSource, as_world
+from nsdr.world.world import CLEVRER_WORLD
 
 Completion = str | Sequence[Mapping[str, Any]]
 """A text, or messages with `role` and `content`, as conversational data sets have them; the last message counts."""
 Options = Sequence[str]
 """Texts of a question's options; none for an open question."""
-WorldSource = World | str | Path
-"""A world, its file, or the name of one that ships; see `nsdr.read_world`. Files that were read are kept in memory."""
 EXPECTED = {
     "solution": "right answers, so leave out questions without one, such as those of the test split",
     "options": "texts of options",
@@ -78,7 +73,7 @@ def answer_format(
 
     Arguments and errors are those of `exact`, without `solution`.
     """
-    rewards, vocabulary = [], _vocabulary_of(world)
+    rewards, vocabulary = [], as_world(world).vocabulary
     for completion, choices in rows(completions, options=options):
         text = text_of(completion)
         readable = read_response(text, _checked(choices), vocabulary).answer is not None
@@ -90,7 +85,7 @@ def read(
     completions: Sequence[Completion], solution: Sequence[str], options: Sequence[Options], world: WorldSource
 ) -> list[tuple[Response, str | frozenset[str], int]]:
     """Of each sample what was read, the right answer and the number of options."""
-    read, vocabulary = [], _vocabulary_of(world)
+    read, vocabulary = [], as_world(world).vocabulary
     for completion, right, choices in rows(completions, solution=solution, options=options):
         texts = _checked(choices)
         if not isinstance(right, str):
@@ -103,15 +98,6 @@ def read(
             )
         read.append((read_response(text_of(completion), texts, vocabulary), expected.answer, len(texts)))
     return read
-
-
-def _vocabulary_of(world: WorldSource) -> Vocabulary:
-    return (world if isinstance(world, World) else _world_of(str(world))).vocabulary
-
-
-@lru_cache(maxsize=32)
-def _world_of(file_or_name: str) -> World:
-    return read_world(file_or_name)
 
 
 def rows(completions: Sequence[Completion], **columns: Sequence[Any]) -> Iterator[tuple[Any, ...]]:

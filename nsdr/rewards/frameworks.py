@@ -6,7 +6,8 @@ from typing import Any, Literal, TypedDict
 
 from nsdr.errors import DataError
 from nsdr.io.reading import parse_json
-from nsdr.rewards.answers import Completion, Options, WorldSource, answer_format, exact, per_option
+from nsdr.io.worlds import WorldSource
+from nsdr.rewards.answers import Completion, Options, answer_format, exact, per_option
 from nsdr.rewards.facts import evidence
 from nsdr.world.world import CLEVRER_WORLD
 

@@ -32,7 +32,8 @@ from nsdr.question_parser.tokenizer import END, OTHER, PAD, START, Tokenizer, de
 from nsdr.training.loop import LoopConfig, LossTerm, Task, train_part
 from nsdr.training.run_folder import parse_training
 from nsdr.validation import Count, PathName, PositiveCount, Settings, Share
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.vocabulary import CLEVRER
+from nsdr.world.world import World
 
 SAMPLES_OF_KIND = {"descriptive": 1, "multiple_choice": 1, "choice": 4}
 """Programs of each kind for one of `QuestionParserTraining.samples`: the paper's n, n and 4n."""
@@ -105,7 +106,7 @@ class QuestionParserTask(Task):
             return None
         rng = random.Random(f"{config.loop.seed} pool")
         if config.questions:
-            pool = _read_pairs(config.questions, self.vocabulary)
+            pool = _read_pairs(config.questions, self.world)
             for pairs in pool.values():
                 rng.shuffle(pairs)
         else:
@@ -195,11 +196,11 @@ def _exact_share(parser: QuestionParser, pairs: Sequence[Pair], kind: str) -> fl
     return float(np.mean([tokens == program for (tokens, _), (_, program) in zip(found, pairs, strict=True)]))
 
 
-def _read_pairs(path: str, vocabulary: Vocabulary) -> dict[str, list[Pair]]:
+def _read_pairs(path: str, world: World) -> dict[str, list[Pair]]:
     """The distinct texts of a question file that have programs of CLEVRER's modules, with their programs, by kind of text."""
-    known = frozenset(decoder_tokens(vocabulary))
+    known = frozenset(decoder_tokens(world.vocabulary))
     programs: dict[str, dict[str, list[str]]] = {kind: {} for kind in TEXT_KINDS}
-    for q in (q for scene in read_questions(path, vocabulary) for q in scene.questions):
+    for q in (q for scene in read_questions(path, world) for q in scene.questions):
         of_question = ("multiple_choice" if q.choices else "descriptive", q.text, q.program)
         for kind, text, program in (of_question, *(("choice", c.text, c.program) for c in q.choices)):
             if program and known.issuperset(program):

@@ -15,10 +15,11 @@ from nsdr.errors import DataError
 from nsdr.io.files import write_json
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import is_json_lines, parse_json, parse_json_lines, read_json_bytes
-from nsdr.io.worlds import world_beside
+from nsdr.io.worlds import WorldSource, as_world, world_beside
 from nsdr.validation import convert, expect, one_of
 from nsdr.world.layout import MAX_OBJECTS
 from nsdr.world.vocabulary import DIRECTIONS, IMAGE_DIRECTIONS, SPEED_UNIT, STATIONARY, Vocabulary
+from nsdr.world.world import World
 
 __all__ = [
     "OPTION_TAGS",
@@ -46,6 +47,11 @@ PAIR_KINDS = ("changed", "mirrored", "noisy")
 and noise, where they are the same."""
 VIDEO_KEY = re.compile(r"(?:\w*_)?0*([0-9]{1,9})(\.\w+)?")
 """The name or number of a video as a key: "video_10000.mp4", "sim_10000" or "10000"."""
+
+OTHER_WORLD = (
+    "if the questions are of another world, put its world.json beside their file or give `nsdr score` its --world"
+)
+"""What to do where answers are no words of the world that is assumed."""
 
 
 @cache
@@ -139,7 +145,7 @@ class SceneQuestions(msgspec.Struct, frozen=True):
     questions: tuple[Question, ...]
 
 
-def read_questions(path: str | Path, vocabulary: Vocabulary | None = None) -> list[SceneQuestions]:
+def read_questions(path: str | Path, world: WorldSource | None = None) -> list[SceneQuestions]:
     """Read all scenes of a question file.
 
     It is a list of scenes, as in the release; an object with the scenes or their lists of questions by video, such as
@@ -148,14 +154,14 @@ def read_questions(path: str | Path, vocabulary: Vocabulary | None = None) -> li
 
     Args:
         path: the file.
-        vocabulary: of the answers' attribute words; None for those of the data set that the file is of
-            (`nsdr.io.worlds.world_beside`).
+        world: whose words answers have; None for that of the `world.json` beside the file or of the data set that the file is
+            of, and for CLEVRER's if there is neither.
 
     Raises:
         DataError: names the file, the location in the file and what was expected there.
     """
     data, name = read_json_bytes(path), str(path)
-    vocabulary = vocabulary or world_beside(path).vocabulary
+    world = world_beside(path) if world is None else as_world(world)
     try:
         scenes = msgspec.json.decode(data, type=list[SceneQuestions])  # the release's form
         places = [f"{name}: [{s}]." for s in range(len(scenes))]
@@ -176,7 +182,7 @@ def read_questions(path: str | Path, vocabulary: Vocabulary | None = None) -> li
         seen.add(scene.scene_index)
         check_unique([q.id for q in scene.questions], f"{place}questions", ".question_id")
         for i, question in enumerate(scene.questions):
-            _check_question(question, f"{place}questions[{i}]", vocabulary)
+            _check_question(question, f"{place}questions[{i}]", world)
     return scenes
 
 
@@ -253,7 +259,7 @@ def _spell_out(row: Any, true: str, false: str) -> None:
         row["answer"] = str(answer)
 
 
-def _check_question(q: Question, place: str, vocabulary: Vocabulary) -> None:
+def _check_question(q: Question, place: str, world: World) -> None:
     check_lines(place, question=q.text, question_subtype=q.subtype)
     for i, choice in enumerate(q.choices):
         check_lines(f"{place}.choices[{i}]", choice=choice.text)
@@ -264,8 +270,10 @@ def _check_question(q: Question, place: str, vocabulary: Vocabulary) -> None:
     expect(fits, f"{place}.choices", f"those of a {q.type} question", f"{len(q.choices)} choices")
     check_unique([c.id for c in q.choices], f"{place}.choices", ".choice_id")
     expect(len({c.answer is None for c in q.choices}) < 2, f"{place}.choices", "answers of all or none", "of some")
-    fits = bool(q.choices) or q.answer is None or is_answer(q.answer, vocabulary)
-    expect(fits, f"{place}.answer", f"0 to {MAX_OBJECTS}, yes, no or an attribute word", repr(q.answer))
+    fits = bool(q.choices) or q.answer is None or is_answer(q.answer, world.vocabulary)
+    if not fits:
+        expected = f"0 to {MAX_OBJECTS}, yes, no or an attribute word of the world {world.name}"
+        raise DataError(f"{place}.answer: expected {expected}, got {q.answer!r:.60}; {OTHER_WORLD}")
 
 
 def write_questions(path: str | Path, scenes: Iterable[SceneQuestions]) -> None:

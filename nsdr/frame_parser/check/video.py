@@ -26,7 +26,7 @@ from nsdr.io.decoding import RATES, check_is_video
 from nsdr.io.images import Frames, Video, VideoSource, video_of
 from nsdr.io.notes import Note, as_warnings
 from nsdr.io.video import Layout, VideoSample, read_frames, sample_frames
-from nsdr.io.worlds import world_of_data_set
+from nsdr.io.worlds import known_world_beside
 from nsdr.validation import FloatArray, PositiveCount, Settings
 from nsdr.world.world import CLEVRER_WORLD, World
 
@@ -118,7 +118,7 @@ def check_video(path: VideoSource, config: VideoConfig | None = None, world: Wor
 
 def _check_data_set(path: Path, world: World) -> None:
     """Raise `VideoError` if a video is in a data set that was generated in another world."""
-    theirs = world_of_data_set(path)
+    theirs = known_world_beside(path, levels=4)
     if theirs is not None and (differing := theirs.differences(world)):
         raise VideoError(
             f"{path}: is of a data set of the world {theirs.name}, and not of {world.name}, which has other "
