@@ -283,7 +283,7 @@ def test_a_pipeline_of_another_world_reads_the_words_of_the_scene(
     saved = tmp_path / "scene.json"
     nsdr.save(saved, scene)
     assert main(["answer", str(saved), question.text, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["answer"] == question.answer
+    assert str(json.loads(capsys.readouterr().out)["answer"]) == question.answer
     of_discs = GrammarParser(vocabulary=DISCS.vocabulary)
     parsed, _ = read_programs(of_discs, "How many red cubes are there?", scene=example_scene)
     assert parsed.tokens == ("objects", "red", "filter_color", "cube", "filter_shape", "count")
