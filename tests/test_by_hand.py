@@ -363,7 +363,7 @@ def test_frames_of_another_size_are_scaled_with_a_note(frames: np.ndarray) -> No
     ("video", "reason"),
     [
         ([], "no frames to parse: expected at least 1"),
-        (3, "expected a video's path or its frames, got a int"),
+        (3, "expected a video's path or its frames, got an int"),
         (
             np.zeros((2, 320, 480, 3)),
             r"frame 0: expected an image or an array .* of uint8, .* got \(320, 480, 3\) float64",

@@ -421,6 +421,7 @@ def test_interventions_in_words() -> None:
         "the cube moved by (0, 0.5)": Move("cube", dx=0, dy=0.5),
         "the cube fixed to the ground": Freeze("cube"),
         "with a red metal cube at (1, 2), velocity (1, 0)": Add("red", "metal", "cube", 1, 2, 1),
+        "with an ivory clay crate at (0.5, 0.9)": Add("ivory", "clay", "crate", 0.5, 0.9),
     }
     assert [intervention_text(change) for change in said.values()] == list(said)
 

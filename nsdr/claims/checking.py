@@ -8,7 +8,7 @@ import numpy as np
 from nsdr.claims.statements import PAST_KINDS, EventPhrase, ObjectPhrase, Statement
 from nsdr.symbolic.causal import causal_path
 from nsdr.types import Event, Scene
-from nsdr.world.vocabulary import NAMES
+from nsdr.world.vocabulary import NAMES, indefinite
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ class StatementChecker:
     def _attribute(self, said: Statement) -> Verdict:
         o = self.scene.objects[self._one(said.objects[0])]
         own = [getattr(o, name) for name in NAMES]
-        return _denied(said, all(word in own for word in said.words), f"it is a {o.name}")
+        return _denied(said, all(word in own for word in said.words), f"it is {indefinite(o.name)}")
 
     def _presence(self, said: Statement) -> Verdict:
         found = len(self._fitting(said.objects[0]))

@@ -14,8 +14,7 @@ from typing import Any
 from nsdr.claims.statements import HAPPENING, PAST_KINDS, EventPhrase, ObjectPhrase, Statement
 from nsdr.language.normal import FORMS
 from nsdr.language.rules import Rules
-from nsdr.symbolic.phrases import indefinite
-from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.vocabulary import Vocabulary, indefinite
 
 NORMAL = {
     **FORMS,

@@ -35,6 +35,7 @@ from nsdr.question_parser.grammar import GrammarParser
 from nsdr.question_parser.loading import NETWORK, load_parser
 from nsdr.symbolic import Executor, OfficialExecutor, Program
 from nsdr.types import Scene
+from nsdr.world.vocabulary import indefinite
 
 SceneInput = tuple[PerceptionInput, Scene | None]
 """What a pipeline perceives, and a true scene whose observed collisions replace the detected ones."""
@@ -158,7 +159,9 @@ def _scenes(
                 continue
             if not isinstance(found, Mapping):
                 expected = "an nsdr.Scene, or arguments of Pipeline.perceive"
-                raise DataError(f"source {config.source} returned a {type(found).__name__}; expected {expected}")
+                raise DataError(
+                    f"source {config.source} returned {indefinite(type(found).__name__)}; expected {expected}"
+                )
             if video_of is not None:
                 found = {**found, **cast(PerceptionInput, video_of(s))}
             inputs[s.scene_index] = found, true_scene

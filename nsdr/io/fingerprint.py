@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from nsdr.errors import DataError, machine_error
+from nsdr.world.vocabulary import indefinite
 
 DIGITS = 16
 """Hexadecimal digits of a fingerprint."""
@@ -70,7 +71,9 @@ def _value_digest(value: Any) -> bytes:
             content = [_value_digest(getattr(value, field.name)) for field in fields(value)]
             parts = [f"dataclass {type(value).__name__}".encode(), *content]
         case _:
-            raise DataError(f"a {type(value).__name__} has no fingerprint; expected a file, bytes, or plain values")
+            raise DataError(
+                f"{indefinite(type(value).__name__)} has no fingerprint; expected a file, bytes, or plain values"
+            )
     return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).digest()
 
 

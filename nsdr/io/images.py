@@ -19,6 +19,7 @@ from nsdr.errors import DataError, VideoError, machine_error
 from nsdr.io.animation import frame_durations_ms
 from nsdr.io.files import is_hidden
 from nsdr.io.limits import check_limit
+from nsdr.world.vocabulary import indefinite
 
 FORMATS = ("GIF", "JPEG", "PNG", "WEBP")
 """Formats that are read."""
@@ -69,7 +70,7 @@ def video_of(source: VideoSource) -> Video:
     if isinstance(source, Frames):
         return source
     if not isinstance(source, Iterable):
-        raise DataError(f"expected a video's path or its frames, got a {type(source).__name__}")
+        raise DataError(f"expected a video's path or its frames, got {indefinite(type(source).__name__)}")
     images: list[NDArray[np.uint8]] = []
     last, is_stream = None, isinstance(source, Iterator)
     for number, image in enumerate(source):

@@ -7,6 +7,7 @@ from importlib.metadata import entry_points
 from typing import Any, Generic, TypeVar, cast
 
 from nsdr.errors import DataError
+from nsdr.world.vocabulary import indefinite
 
 T = TypeVar("T")
 GROUPS = ("nsdr.dynamics", "nsdr.scene_sources")
@@ -29,7 +30,7 @@ def check_part(name: str, part: object, method: str) -> None:
     elif part is None or callable(getattr(part, method.partition("(")[0], None)):
         return
     else:
-        found = f"a {type(part).__name__} without it"
+        found = f"{indefinite(type(part).__name__)} without it"
     raise DataError(f"{name}: expected an object with the method {method}, got {found} (docs/plugins.md)")
 
 
@@ -37,7 +38,9 @@ def checked_result(value: Any, kind: type[T], part: object, method: str) -> T:
     """What a part's method returned, which may be another package's. Another kind of value raises `DataError`."""
     if not isinstance(value, kind):
         found = type(value).__name__
-        raise DataError(f"{type(part).__name__}.{method} returned a {found}; expected an nsdr.{kind.__name__}")
+        raise DataError(
+            f"{type(part).__name__}.{method} returned {indefinite(found)}; expected an nsdr.{kind.__name__}"
+        )
     return value
 
 

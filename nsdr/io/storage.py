@@ -18,6 +18,7 @@ from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.io.worlds import world_in
 from nsdr.validation import Checked, Count, check_fields, convert, expect, shown
+from nsdr.world.vocabulary import indefinite
 from nsdr.world.world import CLEVRER_WORLD, World
 
 T = TypeVar("T")
@@ -69,10 +70,12 @@ def save(path: str | Path, value: Any) -> None:
         DataError: a path that is none, another file name extension, or a value of another type.
     """
     if not isinstance(path, str | Path):
-        raise DataError(f"nsdr.save takes the path first: save(path, value); got a {type(path).__name__} as the path")
+        raise DataError(
+            f"nsdr.save takes the path first: save(path, value); got {indefinite(type(path).__name__)} as the path"
+        )
     path = Path(path)
     if type(value).__name__ not in _KINDS:
-        raise DataError(f"cannot save a {type(value).__name__}; expected one of {', '.join(_KINDS)}")
+        raise DataError(f"cannot save {indefinite(type(value).__name__)}; expected one of {', '.join(_KINDS)}")
     if path.suffix != ".json":
         raise DataError(f"{path}: expected a name ending in .json")
     write_json(path, _encoded(value))
@@ -103,10 +106,10 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     try:
         value = _decoded(tree, "")
     except (DataError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as e:
-        raise DataError(f"{path}: not a {tree['type']} ({str(e).splitlines()[0]:.300})") from e
+        raise DataError(f"{path}: not {indefinite(str(tree['type']))} ({str(e).splitlines()[0]:.300})") from e
     if not isinstance(value, kind):
         found = type(value).__name__ if type(value).__name__ in _KINDS else "something else"
-        raise DataError(f"{path}: holds {found}; expected a {kind.__name__}")
+        raise DataError(f"{path}: holds {found}; expected {indefinite(kind.__name__)}")
     return value
 
 
@@ -168,7 +171,7 @@ def _decoded(tree: Any, where: str) -> Any:
         if not isinstance(value, Checked):
             check_fields(value, f"{name}: ")
     except TypeError as e:
-        raise DataError(f"{place}: not a {name}: {e}") from e
+        raise DataError(f"{place}: not {indefinite(name)}: {e}") from e
     except DataError as e:
         raise DataError(f"{place}: {e}" if where else str(e)) from e
     return value

@@ -16,7 +16,7 @@ from nsdr.symbolic.program import SAID_KINDS, Program, ProgramSource, Step
 from nsdr.symbolic.quantities import Simulate
 from nsdr.symbolic.telling import event_lines, lines_without
 from nsdr.types import Answer, ChoiceAnswer, Event, Scene, TraceStep
-from nsdr.world.vocabulary import SPEED_UNIT
+from nsdr.world.vocabulary import SPEED_UNIT, indefinite
 
 PREDICTIVE = ("unseen_events", "belong_to")
 """Program of every predictive question."""
@@ -54,7 +54,7 @@ class Executor:
 
     def __init__(self, scene: Scene, simulate: Simulate | None = None, data_set_rules: bool = False) -> None:
         if not isinstance(scene, Scene):
-            raise ExecutionError(f"programs run on a Scene, got a {type(scene).__name__}")
+            raise ExecutionError(f"programs run on a Scene, got {indefinite(type(scene).__name__)}")
         self.scene, self.data_set_rules = scene, data_set_rules
         self.facts = SceneFacts(scene, simulate)
         self._possible_scenes = PossibleScenes(scene, Executor)
@@ -148,7 +148,7 @@ class Executor:
             said = read_candidate(candidate, program.result, answer.text, self.scene.world.vocabulary)
         except UnreadableError:
             words = self.scene.world.vocabulary.words.get(program.result)
-            expected = EXPECTED.get(program.result, f"a {program.result}")
+            expected = EXPECTED.get(program.result, indefinite(program.result))
             expected = f"one {program.result}: {', '.join(words)}" if words else expected
             return ChoiceAnswer(candidate, None, (), (), f"says no answer that can be read; expected {expected}")
         if said == answer.text:

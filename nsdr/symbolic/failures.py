@@ -6,8 +6,9 @@ from typing import Any
 from nsdr.errors import ExecutionError
 from nsdr.symbolic.facts import SceneFacts
 from nsdr.symbolic.modules import Kind
-from nsdr.symbolic.phrases import indefinite, noun_phrase
+from nsdr.symbolic.phrases import noun_phrase
 from nsdr.symbolic.program import Step
+from nsdr.world.vocabulary import indefinite
 
 NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 MAX_LISTED = 8

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from nsdr.symbolic.program import Step
+from nsdr.world.vocabulary import indefinite
 
 EVENT_NOUNS = {"filter_in": "entrance", "filter_out": "exit", "filter_collision": "collision"}
 """Noun of each filter of events."""
@@ -46,11 +47,6 @@ def _filter_words(steps: Sequence[Step], index: int) -> dict[str, list[str]]:
             words[steps[index].token].append(word.token)
         index = steps[index].inputs[0]
     return words
-
-
-def indefinite(noun: str) -> str:
-    """The noun with "a" or "an"."""
-    return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
 
 
 def noun_phrase(steps: Sequence[Step], index: int) -> str:

@@ -11,7 +11,7 @@ from nsdr.errors import ProgramError
 from nsdr.io.limits import limits
 from nsdr.io.notes import distinct
 from nsdr.symbolic.modules import ARITY, DISPATCH, EXTENSION_WORDS, MODULES, Kind, Module, program_words
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.vocabulary import CLEVRER, Vocabulary, indefinite
 
 START_TOKENS = ("<START>", "<start>")
 """Tokens before a program in the released files of parsed programs; skipped."""
@@ -106,7 +106,7 @@ class Program:
             ProgramError: this is not the program of a choice, or `question` does not judge one.
         """
         if self.result not in CHOICE_KINDS:
-            raise ProgramError(f"the choice's program gives a {self.result}; expected an event or object")
+            raise ProgramError(f"the choice's program gives {indefinite(self.result)}; expected an event or object")
         if not question.needs_choice:
             raise ProgramError("the question's program takes no choice; expected one that ends in belong_to")
         return _checked(self.tokens + question.tokens, self.vocabulary).with_notes(*self.notes, *question.notes)

@@ -11,7 +11,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from nsdr.validation import Checked, Finite, expect
-from nsdr.world.vocabulary import Word
+from nsdr.world.vocabulary import Word, indefinite
 
 Mass = Annotated[float, Meta(ge=0.001, le=1000)]
 """A mass, or the factor of one."""
@@ -144,7 +144,7 @@ def intervention_text(change: Intervention) -> str:
     """The change as a phrase: "without the red cube", "the blue sphere 2 times as heavy"."""
     if isinstance(change, Add):
         moving = f", velocity ({change.vx:g}, {change.vy:g})" if change.vx or change.vy else ""
-        return f"with a {change.name} at ({change.x:.3g}, {change.y:.3g}){moving}"
+        return f"with {indefinite(change.name)} at ({change.x:.3g}, {change.y:.3g}){moving}"
     name = f"the {change.object}" if isinstance(change.object, str) else f"object {change.object}"
     if isinstance(change, Remove):
         return f"without {name}"

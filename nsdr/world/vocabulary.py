@@ -307,3 +307,8 @@ CLEVRER = Vocabulary()
 def differing_words(words: Sequence[str], other: Sequence[str]) -> int:
     """In how many words two triples (color, material, shape) differ, such as those of a `SceneObject.name`."""
     return sum(a != b for a, b in zip(words, other, strict=True))
+
+
+def indefinite(noun: str) -> str:
+    """The noun with "a" or "an"."""
+    return f"{'an' if noun[:1].lower() in tuple('aeiou') else 'a'} {noun}"

@@ -18,7 +18,7 @@ from nsdr.io.reading import is_json_lines, parse_json, parse_json_lines, read_js
 from nsdr.io.worlds import WorldSource, as_world, world_beside
 from nsdr.validation import convert, expect, one_of
 from nsdr.world.layout import MAX_OBJECTS
-from nsdr.world.vocabulary import DIRECTIONS, IMAGE_DIRECTIONS, SPEED_UNIT, STATIONARY, Vocabulary
+from nsdr.world.vocabulary import DIRECTIONS, IMAGE_DIRECTIONS, SPEED_UNIT, STATIONARY, Vocabulary, indefinite
 from nsdr.world.world import World
 
 __all__ = [
@@ -267,7 +267,7 @@ def _check_question(q: Question, place: str, world: World) -> None:
     check_limit(len(q.program or ()), "program_tokens", f"{place}.program")
     expect((q.pair is None) == (q.pair_kind is None), place, "both pair and pair_kind or neither", "one of them")
     fits = bool(q.choices) != (q.type == "descriptive")
-    expect(fits, f"{place}.choices", f"those of a {q.type} question", f"{len(q.choices)} choices")
+    expect(fits, f"{place}.choices", f"those of {indefinite(q.type)} question", f"{len(q.choices)} choices")
     check_unique([c.id for c in q.choices], f"{place}.choices", ".choice_id")
     expect(len({c.answer is None for c in q.choices}) < 2, f"{place}.choices", "answers of all or none", "of some")
     fits = bool(q.choices) or q.answer is None or is_answer(q.answer, world.vocabulary)
