@@ -43,8 +43,8 @@ UNSEEN_FRAMES = 10
 """Objects may touch up to this long before they are first seen or after they are last seen (frames)."""
 CROWDED_FRAMES, CROWDED_WIDTHS = 10, 1.75
 """The effect of a contact is unknown if the motion of one of the objects, or of a third object this near (distance of the
-centres in mean widths of the two objects), also changes within this many frames. Chosen on the training suites of
-docs/judge.md."""
+centres in mean widths of the two objects), also changes within this many frames; the width of a box is that of its short
+side. Chosen on the training suites of docs/judge.md."""
 MAX_HIDDEN_FRAMES = 24
 """If an object is hidden for longer at a change, the change does not show the effect of a single contact (frames)."""
 CAUSE_FRAMES = 6
@@ -260,7 +260,7 @@ class PiecewiseMotion:
     def _is_crowded(self, b: Break, j: int) -> bool:
         """Whether other changes happen around a contact with object j, so that its effect cannot be seen alone."""
         frame, pair = b.frame, [b.i, j]
-        half_width = np.array([one[0].shape.half_width_world for one in self.stretches])
+        half_width = np.array([min(one[0].shape.size_world[:2]) / 2 for one in self.stretches])
         around = slice(max(round(frame) - CROWDED_FRAMES, 0), round(frame) + CROWDED_FRAMES + 1)
         places = np.where(self.states.present[..., None], self.states.location_world, np.nan)[:, around]
         for k, breaks in enumerate(self.breaks):
