@@ -208,22 +208,31 @@ def test_question_files_are_not_written_beside_another_world(root: Path, tmp_pat
 
 
 def test_responses_are_read_and_scored_in_the_worlds_words(root: Path) -> None:
-    listed, words = CLEVRER(root).split("train").questions(), DISCS.vocabulary
+    listed = CLEVRER(root).split("train").questions()
     right = {(s.scene_index, q.id): solution(q) for s in listed for q in s.questions}
-    report = score_responses(listed, right, vocabulary=words)
+    report = score_responses(listed, right, world=DISCS)
     assert report["descriptive"]["accuracy"] == 1
     assert not report.responses["unread"]
 
 
 def test_prompts_have_examples_in_the_words_and_are_passed_over_in_responses() -> None:
-    words, said = ALIEN, Question(0, "What color is it?", "descriptive", "query_color", None, "teal")
-    text = prompt(said, words)
+    world, said = ALIEN_WORLD, Question(0, "What color is it?", "descriptive", "query_color", None, "teal")
+    text = prompt(said, world)
     assert text.endswith("such as <answer>amber</answer>.")
-    assert "<answer>amber ceramic loaf</answer>" in prompt(Question(0, "?", "descriptive", "faster"), words)
-    assert read_response(text, vocabulary=words).answer is None
-    (asked, _) = FORMATS["chat"].row(Sample(said, "train", 0, "video.mp4", vocabulary=words))["messages"]
+    assert "<answer>amber ceramic loaf</answer>" in prompt(Question(0, "?", "descriptive", "faster"), world)
+    assert read_response(text, world=world).answer is None
+    (asked, _) = FORMATS["chat"].row(Sample(said, "train", 0, "video.mp4", world=world))["messages"]
     assert asked["content"][1]["text"] == text
     assert "red" not in text
+
+
+def test_prompts_and_responses_take_a_world_by_its_file_or_name(tmp_path: Path) -> None:
+    store_world(tmp_path, ALIEN_WORLD)
+    file, said = tmp_path / "world.json", Question(0, "What color is it?", "descriptive", "query_color")
+    assert prompt(said, world=file) == prompt(said, world=ALIEN_WORLD) != prompt(said)
+    assert read_response("<answer>bun</answer>", world=str(file)).answer == "loaf"
+    assert read_response("<answer>puck</answer>", world="pucks").answer == "puck"
+    assert read_response("<answer>puck</answer>").answer is None
 
 
 @pytest.mark.parametrize(
@@ -240,14 +249,14 @@ def test_prompts_have_examples_in_the_words_and_are_passed_over_in_responses() -
     ],
 )
 def test_responses_in_another_vocabulary(text: str, answer: str | None) -> None:
-    assert read_response(text, vocabulary=ALIEN).answer == answer
+    assert read_response(text, world=ALIEN_WORLD).answer == answer
 
 
 def test_letters_beside_the_words_of_a_vocabulary() -> None:
     options = ("it enters", "it exits")
-    assert read_response("A\nA loaf is there.", options, ALIEN).answer == {"A"}
-    assert read_response("B\nA cube is there.", options, ALIEN).answer is None
-    assert read_response("B\nA loaf is there.", options, ALIEN).answer == {"B"}
+    assert read_response("A\nA loaf is there.", options, ALIEN_WORLD).answer == {"A"}
+    assert read_response("B\nA cube is there.", options, ALIEN_WORLD).answer is None
+    assert read_response("B\nA loaf is there.", options, ALIEN_WORLD).answer == {"B"}
 
 
 def test_candidates_are_read_in_the_scenes_words(root: Path) -> None:

@@ -136,7 +136,7 @@ def score(options: Any) -> int:
     for file in files:
         answers = read_answers(file)
         try:
-            reports.append(score_responses(questions, answers, options.allow_missing, world.vocabulary))
+            reports.append(score_responses(questions, answers, options.allow_missing, world))
         except DataError as e:
             raise DataError(f"{file} with {options.questions}: {e}") from e
         print(f"{file}:\n{reports[-1]}\n")

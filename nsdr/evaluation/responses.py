@@ -17,9 +17,10 @@ from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.measures import percent
 from nsdr.evaluation.report import Report
 from nsdr.evaluation.score import score_answers
+from nsdr.io.worlds import WorldSource
 from nsdr.types import Answer, ChoiceAnswer
 from nsdr.types.answers import answer_from_word
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.world import CLEVRER_WORLD
 
 MISSING, UNREAD = "missing: the file has no answer", "unread"
 """How the errors of missing and of unread answers begin."""
@@ -73,7 +74,7 @@ def score_responses(
     scenes: Sequence[SceneQuestions],
     given: Mapping[QuestionKey, Given],
     allow_missing: bool = False,
-    vocabulary: Vocabulary = CLEVRER,
+    world: WorldSource = CLEVRER_WORLD,
 ) -> ResponseReport:
     """Read and score a system's answers.
 
@@ -81,7 +82,7 @@ def score_responses(
         scenes: questions with their answers.
         given: the system's answers, as in `read_answers`.
         allow_missing: score the answered questions only; else those without an answer count as wrong.
-        vocabulary: the words of objects.
+        world: whose words answers have.
 
     Raises:
         DataError: no answer is about one of the questions, or these have no answers in their file.
@@ -98,7 +99,7 @@ def score_responses(
     def read(question: Question, key: QuestionKey) -> Answer | NsdrError:
         if key not in given:
             return DataError(MISSING)
-        response = read_given(question, given[key], vocabulary)
+        response = read_given(question, given[key], world)
         if response.answer is not None:
             read_as[response.how] += 1
             failed.extend(f"{_id(key)}, option {letter}" for letter in sorted(response.failed))

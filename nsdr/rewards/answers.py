@@ -73,10 +73,10 @@ def answer_format(
 
     Arguments and errors are those of `exact`, without `solution`.
     """
-    rewards, vocabulary = [], as_world(world).vocabulary
+    rewards: list[float] = []
     for completion, choices in rows(completions, options=options):
         text = text_of(completion)
-        readable = read_response(text, _checked(choices), vocabulary).answer is not None
+        readable = read_response(text, _checked(choices), world).answer is not None
         rewards.append(float(readable and len(TAG.findall(text)) == 2 and _ENDS_WITH_TAGS.search(text) is not None))
     return rewards
 
@@ -85,18 +85,18 @@ def read(
     completions: Sequence[Completion], solution: Sequence[str], options: Sequence[Options], world: WorldSource
 ) -> list[tuple[Response, str | frozenset[str], int]]:
     """Of each sample what was read, the right answer and the number of options."""
-    read, vocabulary = [], as_world(world).vocabulary
+    read: list[tuple[Response, str | frozenset[str], int]] = []
     for completion, right, choices in rows(completions, solution=solution, options=options):
         texts = _checked(choices)
         if not isinstance(right, str):
             raise DataError(f"column solution: expected texts, got {right!r:.60}")
-        expected = read_response(right, texts, vocabulary)
+        expected = read_response(right, texts, world)
         if expected.answer is None:
-            example = f"<answer>{vocabulary.colors[0].word}</answer> or <answer>A,C</answer>"
+            example = f"<answer>{as_world(world).vocabulary.colors[0].word}</answer> or <answer>A,C</answer>"
             raise DataError(
                 f"solution {right!r}: {expected.problem}; expected such as {example}, or give the world of the answers"
             )
-        read.append((read_response(text_of(completion), texts, vocabulary), expected.answer, len(texts)))
+        read.append((read_response(text_of(completion), texts, world), expected.answer, len(texts)))
     return read
 
 

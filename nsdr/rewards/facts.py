@@ -118,7 +118,7 @@ def _needed(
     except ExecutionError:
         return []
     text = narrate(answer, scene)
-    if read_response(text, [option for option, _ in choices], scene.world.vocabulary).answer != right:
+    if read_response(text, [option for option, _ in choices], scene.world).answer != right:
         return []
     facts = [claim for claim in verify(text, scene).claims if _is_fact(claim, scene)]
     return facts if any(fact.kind not in OTHER_COURSES for fact in facts) else []

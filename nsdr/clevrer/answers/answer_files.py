@@ -14,8 +14,9 @@ from nsdr.clevrer.files.schema import LARGEST_ID, Id, RecordId, check_unique
 from nsdr.errors import DataError
 from nsdr.io.files import atomic_path, write_json
 from nsdr.io.reading import parse_json_lines, read_json, read_json_bytes
+from nsdr.io.worlds import WorldSource
 from nsdr.validation import convert, expect
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.world import CLEVRER_WORLD
 
 __all__ = [
     "Given",
@@ -72,10 +73,10 @@ def read_answers(path: str | Path) -> dict[QuestionKey, Given]:
     return answers
 
 
-def read_given(question: Question, given: Given, vocabulary: Vocabulary = CLEVRER) -> Response:
+def read_given(question: Question, given: Given, world: WorldSource = CLEVRER_WORLD) -> Response:
     """What an answer says: of a response, what `read_response` gives; judgements of choices must be complete."""
     if isinstance(given, str):
-        return read_response_to(question, given, vocabulary)
+        return read_response_to(question, given, world)
     ids = [c.id for c in question.choices]
     if set(ids) != set(given):
         expected = f"those of {sorted(ids)}" if ids else "the word that answers an open question"

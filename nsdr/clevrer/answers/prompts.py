@@ -5,7 +5,9 @@ from string import ascii_uppercase
 
 from nsdr.clevrer.files.questions import Question
 from nsdr.errors import DataError
-from nsdr.world.vocabulary import CLEVRER, DIRECTIONS, SPEED_UNIT, Vocabulary
+from nsdr.io.worlds import WorldSource, as_world
+from nsdr.world.vocabulary import DIRECTIONS, SPEED_UNIT, Vocabulary
+from nsdr.world.world import CLEVRER_WORLD
 
 __all__ = ["NO_OPTION", "answer_text", "option_letters", "prompt", "solution"]
 
@@ -46,8 +48,8 @@ def option_letters(n: int) -> str:
     return ascii_uppercase[:n]
 
 
-def prompt(question: Question, vocabulary: Vocabulary = CLEVRER) -> str:
-    """The question, its options with letters, and how to answer, with an example in the vocabulary's words.
+def prompt(question: Question, world: WorldSource = CLEVRER_WORLD) -> str:
+    """The question, its options with letters, and how to answer, with an example in the words of the world.
 
     The video goes with it.
 
@@ -58,7 +60,8 @@ def prompt(question: Question, vocabulary: Vocabulary = CLEVRER) -> str:
     Any number of the options may be right. Answer with the letters of …
     """
     if not question.choices:
-        return f"{question.text}\n{_with_example(BEYOND.get(question.subtype or '', ONE_WORD), vocabulary)}"
+        instruction = BEYOND.get(question.subtype or "", ONE_WORD)
+        return f"{question.text}\n{_with_example(instruction, as_world(world).vocabulary)}"
     letters = option_letters(len(question.choices))
     options = [f"{letter}. {c.text}" for letter, c in zip(letters, question.choices, strict=True)]
     return "\n".join([question.text, *options, LETTERS])

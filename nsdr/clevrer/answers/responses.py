@@ -10,7 +10,9 @@ from typing import Any
 from nsdr.clevrer.answers.answer_forms import UnreadableError, is_bare, plain, read_letters, read_word
 from nsdr.clevrer.answers.prompts import NO_OPTION, instructions, option_letters
 from nsdr.clevrer.files.questions import Question
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.io.worlds import WorldSource, as_world
+from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.world import CLEVRER_WORLD
 
 __all__ = ["Response", "read_response", "read_response_to"]
 
@@ -57,7 +59,7 @@ class Response:
     failed: frozenset[str] = frozenset()
 
 
-def read_response(text: str, options: Sequence[str] = (), vocabulary: Vocabulary = CLEVRER) -> Response:
+def read_response(text: str, options: Sequence[str] = (), world: WorldSource = CLEVRER_WORLD) -> Response:
     """Read a model's answer.
 
     What stands in `<think>` tags is passed over. Of several `<answer>` pairs or boxes the last one counts. A response that
@@ -70,25 +72,25 @@ def read_response(text: str, options: Sequence[str] = (), vocabulary: Vocabulary
     Args:
         text: the response.
         options: texts of the options A, B, …; empty for an open question.
-        vocabulary: the words of objects.
+        world: whose words answers have.
 
     Raises:
-        DataError: more options than letters. No text raises.
+        DataError: more options than letters, or the world's file cannot be read. No text raises.
     """
     option_letters(len(options))
     if len(text) > MAX_LENGTH:
         return Response(None, "", f"{len(text)} characters; at most {MAX_LENGTH} are read")
 
     try:
-        answer, how = _Reader(options, vocabulary).read(text)
+        answer, how = _Reader(options, as_world(world).vocabulary).read(text)
     except UnreadableError as e:
         return Response(None, "", str(e))
     return Response(answer, how, "")
 
 
-def read_response_to(question: Question, text: str, vocabulary: Vocabulary = CLEVRER) -> Response:
+def read_response_to(question: Question, text: str, world: WorldSource = CLEVRER_WORLD) -> Response:
     """`read_response` with the options of a question."""
-    return read_response(text, [c.text for c in question.choices], vocabulary)
+    return read_response(text, [c.text for c in question.choices], world)
 
 
 class _Reader:

@@ -13,7 +13,7 @@ from nsdr.clevrer.files.questions import Question
 from nsdr.errors import NsdrError
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.world import CLEVRER_WORLD, World
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Sample:
         reasoning: checkable sentences that end with the solution; None if they are not exported, or not known.
         scene: path of the true scene, relative like `video`; None if it is not exported.
         images: paths of the frames that stand for the video, in order; none where the format takes the video.
-        vocabulary: the words of objects, for the examples of prompts.
+        world: the world of the video, whose words the examples of prompts have.
     """
 
     question: Question
@@ -40,7 +40,7 @@ class Sample:
     reasoning: str | None = None
     scene: str | None = None
     images: Sequence[str] = ()
-    vocabulary: Vocabulary = CLEVRER
+    world: World = CLEVRER_WORLD
 
 
 Column = Callable[[Sample], Any]
@@ -79,7 +79,7 @@ def _request(sample: Sample) -> list[dict[str, Any]]:
     """The user's message: the video, then the prompt, as chat templates of video models expect them."""
     content = [
         {"type": "video", "video": sample.video},
-        {"type": "text", "text": prompt(sample.question, sample.vocabulary)},
+        {"type": "text", "text": prompt(sample.question, sample.world)},
     ]
     return [{"role": "user", "content": content}]
 
@@ -105,7 +105,7 @@ def _said(role: str, content: Any) -> list[dict[str, Any]]:
 
 def _with_video(sample: Sample) -> str:
     """The prompt with a mark where the video goes."""
-    return VIDEO + prompt(sample.question, sample.vocabulary)
+    return VIDEO + prompt(sample.question, sample.world)
 
 
 def _texts_of_options(sample: Sample) -> list[str]:
@@ -127,7 +127,7 @@ def _type_in_video_r1(sample: Sample) -> str:
 
 def _problem_in_video_r1(sample: Sample) -> str:
     """The question and how to answer it; Video-R1 puts the options below."""
-    return f"{sample.question.text} {prompt(sample.question, sample.vocabulary).splitlines()[-1]}"
+    return f"{sample.question.text} {prompt(sample.question, sample.world).splitlines()[-1]}"
 
 
 def _lettered(sample: Sample) -> list[str]:
@@ -168,7 +168,7 @@ FORMATS = {
     "trl": Format(
         "TRL's GRPOTrainer and SFTTrainer: prompts and completions as messages, frames in `images`",
         {
-            "prompt": lambda s: _said("user", prompt(s.question, s.vocabulary)),
+            "prompt": lambda s: _said("user", prompt(s.question, s.world)),
             "completion": lambda s: None if (text := _response(s)) is None else _said("assistant", text),
             "images": lambda s: list(s.images),
             "video": attrgetter("video"),
@@ -226,7 +226,7 @@ FORMATS = {
             "scene_index": attrgetter("scene_index"),
             "question_id": attrgetter("question.id"),
             "type": attrgetter("question.type"),
-            "prompt": lambda s: prompt(s.question, s.vocabulary),
+            "prompt": lambda s: prompt(s.question, s.world),
             "target": _solution,
             "options": _texts_of_options,
             "video": attrgetter("video"),

@@ -24,7 +24,7 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.reading import read_json
 from nsdr.io.video import even_frames, spaced
 from nsdr.validation import Count, Settings, convert, one_of
-from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.world import World
 
 MANIFEST = "export.json"
 """File of an export's folder with its settings and counts."""
@@ -143,7 +143,7 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
         for split, listed in items.items():
             path = folder / f"{split}{form.suffix}"
             if not path.exists():
-                WRITERS[form.suffix](path, map(form.row, _samples(config, split, listed, seed, data.world.vocabulary)))
+                WRITERS[form.suffix](path, map(form.row, _samples(config, split, listed, seed, data.world)))
         return questions
 
     sizes = [_sizes(config, item) for listed in items.values() for item in listed]
@@ -216,7 +216,7 @@ def _sizes(config: ExportConfig, item: _Item) -> list[int]:
 
 
 def _samples(
-    config: ExportConfig, split: str, items: Sequence[_Item], seed: int | None, vocabulary: Vocabulary
+    config: ExportConfig, split: str, items: Sequence[_Item], seed: int | None, world: World
 ) -> Iterator[Sample]:
     """Yield the samples of a split, and show progress; the files of a video are copied before its first sample."""
     root, folder = Path(config.root), Path(config.output)
@@ -239,7 +239,7 @@ def _samples(
                 None if tell is None else tell(question),
                 None if scene is None else config.prefix + scene.relative_to(root).as_posix(),
                 [config.prefix + image for image in images],
-                vocabulary,
+                world,
             )
 
 
