@@ -424,6 +424,9 @@ class Pipeline:
                 multiple-choice question has no choices.
             ProgramError, ExecutionError: a given program is malformed, or the question's program does not fit the scene.
         """
+        if isinstance(video_or_scene, VideoProposals | VideoTracks):
+            name = "proposals" if isinstance(video_or_scene, VideoProposals) else "tracks"
+            raise DataError(f"expected a video or a scene, got {name}; ask pipeline.perceive({name}=…).scene")
         given = video_or_scene if isinstance(video_or_scene, Scene) else video_of(video_or_scene)
         if isinstance(given, Path) and given.suffix == ".json":
             given = load(given, Scene)

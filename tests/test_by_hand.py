@@ -378,6 +378,12 @@ def test_what_is_no_video_is_refused(video, reason) -> None:
         bare_pipeline(frame_parser=Keeps()).perceive(video)
 
 
+def test_questions_about_detections_are_refused_with_what_to_ask() -> None:
+    given = detections(np.ones((320, 480), bool))
+    with pytest.raises(nsdr.DataError, match=r"got proposals; ask pipeline\.perceive\(proposals=…\)\.scene"):
+        bare_pipeline(frame_parser=Keeps()).answer(given, "How many objects are there?")
+
+
 def test_frames_of_a_generator_may_share_memory() -> None:
     def shared():
         buffer = np.zeros((4, 6, 3), np.uint8)

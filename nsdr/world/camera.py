@@ -121,7 +121,10 @@ class Camera:
         from scipy.optimize import least_squares
 
         seen, places = _checked_points(pixels, world_points)
-        to_images, scale = image_scale(size_px, images_px), WIDTH_PX / images_px[0]
+        try:
+            to_images, scale = image_scale(size_px, images_px), WIDTH_PX / images_px[0]
+        except ValueError as e:
+            raise ValueError(f"{e}; or, if the world's images have this size, give images_px={tuple(size_px)}") from e
         seen = seen * to_images * scale
         seen[:, 1] += (HEIGHT_PX - images_px[1] * scale) / 2  # the middle row is that of CLEVRER's images
         starts = list(_rolled_cameras(seen, places))
@@ -139,8 +142,8 @@ class Camera:
             raise ValueError(
                 f"points: no upright camera sees them there: in an image 480 wide, they are {residual:.1f} pixels off "
                 f"(at most {MAX_RESIDUAL_PX:g}), the most, {off[worst]:.1f}, at point {worst}. Was it exchanged with another, "
-                f"does the lens distort, or is the camera rolled (by about {abs(roll_degrees):.0f} degrees; turn frames, masks "
-                "and points upright)?"
+                f"is the image not {size_px[0]}x{size_px[1]} (size_px, images_px), does the lens distort, or is the camera "
+                f"rolled (by about {abs(roll_degrees):.0f} degrees; turn frames, masks and points upright)?"
             )
         error = _expected_error(found.x, found.jac)
         if not error <= MAX_ERROR_WORLD:
