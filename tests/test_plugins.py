@@ -96,7 +96,7 @@ def test_the_documented_source_finds_videos_in_folders(tmp_path) -> None:
     ("name", "source", "message"),
     [
         ("raises", "lambda questions: {}['missing']", r"raises \(my_raises\) failed: KeyError: 'missing'"),
-        ("counts", "lambda questions: 3", "source counts returned a int; expected an nsdr.Scene"),
+        ("counts", "lambda questions: 3", "source counts returned an int; expected an nsdr.Scene"),
     ],
 )
 def test_what_an_installed_part_does_wrong_is_no_bug_of_ours(

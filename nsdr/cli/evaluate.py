@@ -110,7 +110,7 @@ def score_options(parser: Any) -> None:
     add("other", nargs="?", default=None, help="a second system's file, to be compared with the first")
     add("--questions", type=NotEmptyStr, required=True, help="question file with answers, CLEVRER's or MVBench's")
     whose = "the world of the questions: a file, or the name of one that ships (default: that of their data set, or CLEVRER's)"
-    add("--world", type=NotEmptyStr, default=None, metavar="FILE_OR_NAME", help=whose)
+    add("--world", default="", metavar="FILE|NAME", help=whose)
     add("--allow-missing", action="store_true", help="leave out questions without an answer; else they count as wrong")
     add("-o", "--output", default=None, metavar="FILE", help="write the report as JSON")
 

@@ -31,7 +31,7 @@ def collision_evidence(
         mine: stretches of the first object before and after the collision.
         other: stretches of the second object before and after the collision.
         frame: frame of the collision.
-        ratios: ratios of the masses of the two objects.
+        ratios: (R,) ratios of the masses of the two objects.
         max_restitution: largest restitution that the collision may show.
         min_closing: lower limit of the approach speed by which the separation speed is divided (world units/s).
     """
