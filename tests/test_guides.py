@@ -19,7 +19,7 @@ MADE = (
     "--scene.n-frames 64 "
     '--splits \'{"train": 0.25, "validation": 0.5, "test": 0.25}\' --render.width 240 --render.height 160'
 )
-"""The data set of all pages: that of docs/export.md, with fewer, smaller and shorter videos."""
+"""The data set of all pages: that of docs/pairs.md, with fewer, smaller and shorter videos."""
 SHORTER = {
     "nsdr generate violations": "--videos 2",
     "nsdr compare-videos": "--keep-going",
@@ -45,6 +45,7 @@ PAGES = {
     "generate.md": {},
     "questions.md": {"VIDEO": "generated_1.mp4"},
     "export.md": {},
+    "pairs.md": {},
     "judge.md": {},
     "training.md": {},
     "video_models.md": {"FOLDER": "ROOT/videos/test"},
