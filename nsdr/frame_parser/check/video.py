@@ -122,8 +122,8 @@ def _check_data_set(path: Path, world: World) -> None:
     if theirs is not None and (differing := theirs.differences(world)):
         raise VideoError(
             f"{path}: is of a data set of the world {theirs.name}, and not of {world.name}, which has other "
-            f"{', '.join(differing)}; give --checkpoint with weights for {theirs.name}, or --force (in Python, "
-            "VideoConfig(check='warn'))"
+            f"{', '.join(differing)}; give --checkpoint with weights for {theirs.name}, its values (--set world.…), or "
+            "--force (in Python, VideoConfig(check='warn'))"
         )
 
 
