@@ -21,6 +21,7 @@ from nsdr.generate.scene_files import annotation_document, proposal_document
 from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import write_json
 from nsdr.io.video import read_video, write_video
+from nsdr.io.worlds import read_world
 from nsdr.laws.evidence import evidence_in_time, evidence_of
 from nsdr.laws.judge import judge_proposals as judge
 from nsdr.laws.motion import Evidence, cut_motion, strongest
@@ -197,6 +198,24 @@ def test_a_colour_that_changes_is_seen_in_the_proposals(tmp_path) -> None:
     assert [look.split()[0] for look in found.violations[0].looks] == [
         broken.objects[i].color for i in violation.objects
     ]
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        410100,  # a third object touches one of the two, but its motion stays the same
+        410104,  # two others collide near the two, but touch neither
+        410845,  # in the frames after the collision, no stretch of the brick is long
+    ],
+)
+def test_a_reaction_is_judged_beside_what_has_no_part_in_it(seed: int, tmp_path) -> None:
+    scene = simulate_scene(seed, removals=False, world=read_world("blocks"))
+    made = break_law(scene, "reaction", "clear", seed)
+    assert made is not None
+    path = tmp_path / "proposal_00000.json"
+    for one, laws in ((scene, []), (made[0], ["reaction"])):
+        write_json(path, proposal_document(one, 0, "video.mp4", scene.world.camera))
+        assert [v.law for v in judge(read_proposals(path)).violations] == laws
 
 
 @pytest.mark.parametrize("changes", [30, 100])

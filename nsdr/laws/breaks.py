@@ -30,7 +30,7 @@ FIRST_STEP = 8
 MIN_EVIDENCE = 4.0
 """Weaker evidence is ignored (nats)."""
 SURE_FRAMES = 8
-"""Smallest number of positions on each side of a cut that shows that they are not those of another object."""
+"""Smallest number of positions of a stretch that shows that they are not those of another object."""
 BORDER_PX = 10.0
 """The position of an object whose box is nearer to the image border is unreliable: official proposals are inexact there
 (pixels of CLEVRER's images)."""
@@ -108,11 +108,6 @@ class Break:
             low, high, margin = self.frame, self.frame, MIN_MARGIN_FRAMES + min(3 * error, MAX_MARGIN_FRAMES)
         low, high = min(low, self.frame) - margin, max(high, self.frame) + margin
         return np.linspace(low, high, 2 + round(2 * (high - low)))
-
-    @property
-    def is_sure(self) -> bool:
-        """Whether both stretches have enough positions to be those of the object."""
-        return min(len(self.before), len(self.after)) >= SURE_FRAMES
 
     @cached_property
     def position(self) -> FloatArray:

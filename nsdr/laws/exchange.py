@@ -4,10 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nsdr.laws.breaks import kick_noise
+from nsdr.laws.breaks import SEEN_GAP_FRAMES, Break, kick_noise
 from nsdr.laws.stretches import TrackStretch
 from nsdr.validation import FloatArray
 
+UNSEEN_NOISE_WORLD_PER_S = 0.3
+"""Standard deviation of a change of velocity that is not observed directly, in addition to the errors of the fits (world
+units/s in CLEVRER). Chosen on training seeds of the world `blocks`."""
 MIN_ALONG = 0.6
 """Smallest cosine of the angle between an impulse and the line of centres, which differ because cubes push along the normal of
 their sides."""
@@ -40,7 +43,7 @@ def collision_evidence(
     (before, after), (other_before, other_after) = ([s.velocity_at(at)[0] for s in pair] for pair in (mine, other))
     change, other_change = after - before, other_after - other_before
     variance, other_variance = (
-        sum((s.velocity_variance(s.track.noise) for s in pair), kick_noise(pair[0]) ** 2) for pair in (mine, other)
+        sum((s.velocity_variance(s.track.noise) for s in pair), _noise(*pair) ** 2) for pair in (mine, other)
     )
     away = (p - q) / max(float(np.hypot(*(p - q))), 1e-9)
     approach = before - other_before
@@ -65,3 +68,10 @@ def collision_evidence(
     closing = -float(approach @ away)
     apart = float((after - other_after) @ away)
     return best, apart / max(closing, min_closing)
+
+
+def _noise(before: TrackStretch, after: TrackStretch) -> float:
+    """Standard deviation of the change of velocity between two stretches, in addition to errors of the fits (world units/s)."""
+    if Break(before, after).hidden_frames > SEEN_GAP_FRAMES:
+        return UNSEEN_NOISE_WORLD_PER_S * before.track.scales.speed
+    return kick_noise(before)

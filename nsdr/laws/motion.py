@@ -8,7 +8,7 @@ needs a contact, in which both objects change as masses and restitution allow, a
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby, pairwise
+from itertools import groupby, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -41,10 +41,9 @@ BETWEEN_HITS_WORLD = 0.25
 in CLEVRER)."""
 UNSEEN_FRAMES = 10
 """Objects may touch up to this long before they are first seen or after they are last seen (frames)."""
-CROWDED_FRAMES, CROWDED_WIDTHS = 10, 1.75
-"""The effect of a contact is unknown if the motion of one of the objects, or of a third object this near (distance of the
-centres in mean widths of the two objects), also changes within this many frames; the width of a box is that of its short
-side. Chosen on the training suites of docs/judge.md."""
+CROWDED_FRAMES = 10
+"""Changes of motion within this many frames of a contact may be part of it, or show that a third object takes part. Chosen on
+the training suites of docs/judge.md."""
 MAX_HIDDEN_FRAMES = 24
 """If an object is hidden for longer at a change, the change does not show the effect of a single contact (frames)."""
 CAUSE_FRAMES = 6
@@ -114,6 +113,12 @@ class PiecewiseMotion:
         """The changes of motion of each object."""
         return [[Break(a, b) for a, b in pairwise(one)] for one in self.stretches]
 
+    @cached_property
+    def _sure_breaks(self) -> list[list[Break]]:
+        """The changes between stretches with so many positions that they are those of the object; shorter ones are left out."""
+        sure = ([s for s in one if len(s) >= SURE_FRAMES] for one in self.stretches)
+        return [[Break(a, b) for a, b in pairwise(one)] for one in sure]
+
     def is_explained(self, b: Break) -> bool:
         """Whether something lawful explains a change of motion."""
         return self._lawful_nats(b, self._contacts(b)) < TOUCH_NATS
@@ -144,12 +149,12 @@ class PiecewiseMotion:
 
     def _changes(self) -> Iterator[Evidence]:
         """Find evidence against continuity, inertia, reaction and distance: changes of motion without a lawful cause."""
-        for b in (b for one in self.breaks for b in one):
-            if not b.is_sure:
-                continue
+        for b in (b for one in self._sure_breaks for b in one):
             jump, kick, contacts = b.jump(), b.kick(), self._contacts(b)
-            frame = round(b.frame)
+            frame, is_direct = round(b.frame), b.before.b == b.after.a
             if jump.nats > kick.nats:
+                if not is_direct:
+                    continue
                 # An object that is not seen for long, or that touches two others, may have moved on between two hits.
                 touched = [*sorted(c.gap_nats for c in contacts), np.inf, np.inf]
                 if b.missing_frames > JUMP_FRAMES:
@@ -183,15 +188,27 @@ class PiecewiseMotion:
         near = [s for s in self.stretches[j] if s.start - SAME_FRAMES <= frame <= s.last + SAME_FRAMES]
         return min(near, key=lambda s: max(s.start - frame, frame - s.last), default=None)
 
-    def _sides(self, b: Break, j: int) -> tuple[TrackStretch, TrackStretch] | None:
-        """The motion of object j before and after a change of another object; None if too little of it is seen.
+    def _sides(self, b: Break, j: int) -> list[tuple[TrackStretch, TrackStretch]]:
+        """Pairs of stretches, each with enough positions, that may be the motion of object j before and after a change.
 
-        They are the stretches around a change of object j at that time, or the two parts of one stretch.
+        Its changes soon before or after this one may be part of it, so the stretches need not be the nearest. If object j does
+        not change at the same time, they may be the parts of one stretch.
         """
-        for other in self._changes_with(b, j):
-            return other.before, other.after
-        s = self.at(j, b.frame)
-        return None if s is None else s.parts(b.frame)
+        change = min(self._changes_with(b, j), key=lambda o: abs(o.frame - b.frame), default=None)
+        frame = b.frame if change is None else change.frame
+        before, after = [], []
+        for s in self.stretches[j]:
+            if s.last < frame - CROWDED_FRAMES or frame + CROWDED_FRAMES < s.start:
+                continue
+            parts = s.parts(frame) if change is None else None
+            if parts is not None:
+                before.append(parts[0])
+                after.append(parts[1])
+            elif s.start + s.last < 2 * frame:
+                before.append(s)
+            else:
+                after.append(s)
+        return [(x, y) for x, y in product(before, after) if min(len(x), len(y)) >= SURE_FRAMES]
 
     def _lawful_nats(self, b: Break, contacts: "list[_Contact]") -> float:
         """Evidence against the best lawful cause of a change of velocity (nats)."""
@@ -207,23 +224,38 @@ class PiecewiseMotion:
         gap, nats = self._gap(b, j)
         if np.isinf(nats):
             return None
-        sides = self._sides(b, j)
         exchange, restitution = None, np.nan
-        is_seen = sides is not None and all(len(s) >= SURE_FRAMES for s in (b.before, b.after, *sides))
-        if is_seen and not self._is_crowded(b, j) and not self._may_have_changed_twice(b, j):
-            assert sides is not None
-            exchange, restitution = self._exchange(b, j, sides)
+        sides = list(product(self._sides(b, b.i), self._sides(b, j)))
+        if sides and not self._may_have_another_cause(b, j):
+            exchange, restitution = min(self._exchange(b, j, *pair) for pair in sides)
         return _Contact(j, gap, nats, exchange, restitution)
 
-    def _may_have_changed_twice(self, b: Break, j: int) -> bool:
-        """Whether object b.i or j is hidden around a contact for long, or while a third object may touch it."""
-        others = [k for k in range(len(self.stretches)) if k not in (b.i, j)]
-        for o in (b, *self._changes_with(b, j)):
-            if o.hidden_frames > MAX_HIDDEN_FRAMES:
+    def _may_have_another_cause(self, b: Break, j: int) -> bool:
+        """Whether a third object may also hit object b.i or j around their contact, so that its effect is not seen alone."""
+        pair, others = (b.i, j), [k for k in range(len(self.stretches)) if k not in (b.i, j)]
+        for o in self._changes_near(b, others):
+            if any(self._gap(o, i)[1] < TOUCH_NATS for i in pair):
                 return True
-            if o.hidden_frames > SEEN_GAP_FRAMES and any(self._gap(o, k)[1] < TOUCH_NATS for k in others):
+        for o in (b, *self._changes_near(b, pair)):
+            is_same = abs(o.frame - b.frame) <= SAME_FRAMES
+            if is_same and o.hidden_frames > MAX_HIDDEN_FRAMES:
+                return True
+            if is_same and o.hidden_frames <= SEEN_GAP_FRAMES:
+                continue
+            if not is_same and not self._unseen_nats(o):
+                return True
+            if any(self._gap(o, k)[1] < TOUCH_NATS and not self._stays_unchanged(k, o) for k in others):
                 return True
         return False
+
+    def _changes_near(self, b: Break, objects: Iterable[int]) -> list[Break]:
+        """Changes of some objects within `CROWDED_FRAMES` of another change, without doubtful ones."""
+        near = (o for i in objects for o in self.breaks[i] if abs(o.frame - b.frame) <= CROWDED_FRAMES)
+        return [o for o in near if not o.is_doubtful]
+
+    def _stays_unchanged(self, k: int, b: Break) -> bool:
+        """Whether the motion of object k is seen to stay the same around a change of another object."""
+        return bool(self._sides(b, k)) and not self._changes_near(b, [k])
 
     def _changes_with(self, b: Break, j: int) -> list[Break]:
         """Changes of object j at the time of another change."""
@@ -256,25 +288,6 @@ class PiecewiseMotion:
         first = [every[0].start - UNSEEN_FRAMES, *(s.last - SAME_FRAMES for s in every[:-1])]
         last = [*(s.start + SAME_FRAMES for s in every[1:]), every[-1].last + UNSEEN_FRAMES]
         return [s for s, a, b in zip(every, first, last, strict=True) if a <= when[-1] and when[0] <= b]
-
-    def _is_crowded(self, b: Break, j: int) -> bool:
-        """Whether other changes happen around a contact with object j, so that its effect cannot be seen alone."""
-        frame, pair = b.frame, [b.i, j]
-        half_width = np.array([min(one[0].shape.size_world[:2]) / 2 for one in self.stretches])
-        around = slice(max(round(frame) - CROWDED_FRAMES, 0), round(frame) + CROWDED_FRAMES + 1)
-        places = np.where(self.states.present[..., None], self.states.location_world, np.nan)[:, around]
-        for k, breaks in enumerate(self.breaks):
-            crowded = CROWDED_WIDTHS * (half_width[pair] + half_width[k])[:, None]
-            for other in breaks:
-                since = abs(other.frame - frame)
-                if since > CROWDED_FRAMES or other.is_doubtful:
-                    continue
-                if k in pair:
-                    if since > SAME_FRAMES:
-                        return True
-                elif (np.linalg.norm(places[pair] - places[k], axis=-1) < crowded).any():
-                    return True
-        return False
 
     def _unseen_nats(self, b: Break) -> float:
         """Evidence against a hit by an object centred outside the image (nats): 0 if it can be there, otherwise infinite."""
@@ -323,12 +336,14 @@ class PiecewiseMotion:
         low, high = self.states.world.physics.mass_range
         return np.geomspace(low / high, high / low, MASS_RATIOS)
 
-    def _exchange(self, b: Break, j: int, sides: Sequence[TrackStretch]) -> tuple[float, float]:
-        """`collision_evidence` of a changing object with object j, whose motion before and after the change is `sides`."""
+    def _exchange(
+        self, b: Break, j: int, mine: Sequence[TrackStretch], other: Sequence[TrackStretch]
+    ) -> tuple[float, float]:
+        """`collision_evidence` of a changing object with object j, from the motion of both before and after the change."""
         world, objects = self.states.world, self.states.objects
         restitution = world.vocabulary.pair_restitution(objects[b.i].material, objects[j].material)
         most, least_speed = restitution + MORE_RESTITUTION, MIN_CLOSING_WORLD_PER_S * world.scales.speed
-        return collision_evidence((b.before, b.after), sides, b.frame, self._mass_ratios, most, least_speed)
+        return collision_evidence(mine, other, b.frame, self._mass_ratios, most, least_speed)
 
 
 def strongest(found: Iterable[Evidence]) -> list[Evidence]:
