@@ -46,6 +46,17 @@ def test_notes_are_lines_of_stderr_or_stand_in_the_json(capsys, tmp_path, small_
     assert capsys.readouterr().err == "note: read 'spheers' as 'spheres'\n"
 
 
+def test_a_note_that_several_answers_have_is_printed_once(capsys, tmp_path, small_scene) -> None:
+    save(tmp_path / "scene.json", replace(small_scene, notes=("darker than usual",)))
+    ask = ["answer", str(tmp_path / "scene.json"), "How many spheres are there?", "How many spheers are there?"]
+    assert main(ask) == 0
+    assert capsys.readouterr().err.splitlines() == ["note: darker than usual", "note: read 'spheers' as 'spheres'"]
+    assert main([*ask, "--json"]) == 0
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
+    assert first["notes"] == ["darker than usual"]
+    assert second["notes"] == ["darker than usual", "read 'spheers' as 'spheres'"]
+
+
 def test_answers_come_with_their_probabilities(capsys, tmp_path) -> None:
     scene = load(TRUTH, Scene)
     hit = next(e for e in scene.events if e.kind == "collision")

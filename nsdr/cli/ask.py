@@ -3,7 +3,7 @@
 import json
 import shlex
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
@@ -70,8 +70,12 @@ def _many_with_choices(options: Any) -> str:
 
 
 def _answer_each(options: Any, ask: Callable[[str], Answer]) -> int:
-    """Answer several questions; one that cannot be parsed or does not fit the scene has the reason in place of an answer."""
+    """Answer several questions; one that cannot be parsed or does not fit the scene has the reason in place of an answer.
+
+    A note that several answers have, such as one about the video, is printed with the first of them.
+    """
     errors = []
+    said: tuple[str, ...] = ()
     for question in options.question:
         try:
             found = ask(question)
@@ -83,7 +87,8 @@ def _answer_each(options: Any, ask: Callable[[str], Answer]) -> int:
             continue
         if not options.json:
             print(question)
-        _print_found(found, options)
+        _print_found(found, options, said)
+        said = distinct(said, found.notes)
     return failures_line(len(errors), len(options.question), "questions", "".join(errors[:1]), options.keep_going)
 
 
@@ -126,12 +131,13 @@ def _baseline_asker(options: Any) -> Callable[[str], Answer]:
     return ask
 
 
-def _print_found(found: Answer, options: Any) -> None:
+def _print_found(found: Answer, options: Any, said: Sequence[str] = ()) -> None:
+    """Print an answer, and those of its notes that were not said before; as JSON, it has all its notes."""
     if options.json:
         print(json.dumps(asdict(found)))
     else:
         _print_answer(found, options.trace)
-        print_notes(found.notes)
+        print_notes(note for note in found.notes if note not in said)
 
 
 def _print_answer(found: Answer, trace: bool) -> None:
