@@ -357,6 +357,17 @@ def test_data_sets_are_evaluated_in_their_words(root: Path) -> None:
     assert all(row["accuracy"] == 1 for name, row in report["descriptive"]["subtypes"].items() if name in SUBTYPES)
 
 
+@pytest.mark.parametrize("source", ["videos", "proposals", "tracks"])
+def test_weights_of_another_world_are_refused_once(root: Path, source, capsys, tmp_path) -> None:
+    questions = str(root / "questions/train.json")
+    assert main(["evaluate", "--questions", questions, "--data", str(tmp_path), "--source", source]) == 2
+    said = f"error: {questions}: was made in the world {CLEVRER(root).world.name}, and default is for CLEVRER, which has other"
+    out, err = capsys.readouterr()
+    assert (out, err.count("which has other")) == ("", 1)
+    assert err.startswith(said)
+    assert "give weights for" in err
+
+
 @pytest.mark.parametrize("length", ["short", "long"])
 def test_answers_are_told_in_claims_that_hold(root: Path, length) -> None:
     told = 0

@@ -39,6 +39,7 @@ from nsdr.io.fingerprint import code_revision, fingerprint
 from nsdr.io.jobs import Job, read_output, run_jobs
 from nsdr.io.reading import read_json
 from nsdr.io.video import RATE_TOLERANCE, frame_rate
+from nsdr.io.worlds import check_world_of_data
 from nsdr.pipeline import Perception, Pipeline, PipelineConfig
 from nsdr.pipeline_config import pipeline_settings
 from nsdr.types import VideoProposals
@@ -162,12 +163,7 @@ def _settings(
     manifest = data.manifest
     if manifest is None:
         raise DataError(f"{root}: has no manifest.json; expected a data set of `nsdr generate dataset`")
-    differing = ", ".join(data.world.differences(pipeline.world))
-    if differing:
-        worlds = f"was made in the world {data.world.name}, and {checkpoint} is for {pipeline.world.name}"
-        raise DataError(
-            f"{root}: {worlds}, which has other {differing}; give --checkpoint with weights for {data.world.name}"
-        )
+    check_world_of_data(root, data.world, checkpoint, pipeline.world)
     if pipeline.video.check == "refuse":
         pipeline = replace(pipeline, video=replace(pipeline.video, check="warn"))
     return _Settings(given_frames, runs, *made_with(manifest, root), pipeline, checkpoint, str(resolve_device(device)))

@@ -28,6 +28,7 @@ from nsdr.io import storage
 from nsdr.io.device import resolve_device, workers_on
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.jobs import Job, read_output, run_jobs
+from nsdr.io.worlds import check_world_of_data
 from nsdr.pipeline import Pipeline
 from nsdr.pipeline_config import PipelineConfig, idle_without_video
 from nsdr.question_parser.base import Parser, parse_texts
@@ -43,6 +44,8 @@ MadeScene = Scene | Callable[[], Scene] | NsdrError
 """A scene, a function that makes or reads it, or why there is none."""
 Perceived = Callable[[EvaluationConfig, Mapping[int, SceneInput]], dict[int, MadeScene]]
 """(settings, inputs by scene index) -> scenes."""
+PERCEIVED = ("videos", "proposals", "tracks")
+"""Sources whose scenes a pipeline makes; those of other packages may be others."""
 OF_PIPELINES = ("checkpoint", "dynamics", "config", "set", "question_parser")
 """Settings of `EvaluationConfig` in whose place `evaluate` takes a pipeline."""
 
@@ -72,7 +75,7 @@ def evaluate(
             `types=["counterfactual"]`, `cache="runs/scenes"` or `workers=1`.
 
     Raises:
-        DataError: unreadable questions or data, or values that do not go together.
+        DataError: unreadable questions or data, values that do not go together, or data of another world than the pipeline's.
         EndpointError: the server of the question parser fails.
         MachineError: a full disk, a lost worker or the like.
     """
@@ -85,6 +88,7 @@ def evaluate(
         raise DataError(f"{path} is a question file; data=… names the folder or file that scenes are made from")
     where: dict[str, Any] = {"root": path} if Path(path).is_dir() else {"questions": path}
     config = EvaluationConfig(**where, split=split, limit=limit, **settings)
+    _check_world(config, pipeline, "the pipeline")
     parser = None if config.programs == "gold" else pipeline.question_parser
     perceives = _without_questions(pipeline)
     try:
@@ -112,17 +116,32 @@ def run_evaluation(config: EvaluationConfig) -> Report:
     again.
 
     Raises:
-        DataError: unreadable questions or data, or values that do not go together.
+        DataError: unreadable questions or data, values that do not go together, or data of another world than the weights'.
         EndpointError: the server of the question parser is not there; or it fails, after the scenes were kept.
         MachineError: a full disk, a lost worker or the like, which is no fault of a scene.
     """
     settings = config.pipeline()
     resolve_device(config.device)
+    _check_world(config, settings, config.checkpoint)
     if config.videos and settings.dynamics.backend in READ_NO_IMAGES:
         backend = settings.dynamics.backend
         raise DataError(f"videos would do nothing: dynamics {backend!r} reads no images; leave it out")
     parser = parser_of(config)  # a server that is not there is found before the work
     return _evaluate(config, parser, partial(_perceived_by_jobs, settings))
+
+
+def _check_world(config: EvaluationConfig, pipeline: Pipeline | PipelineConfig, weights: str) -> None:
+    """Raise `DataError` if a pipeline that perceives could perceive no scene, because it is for another world than the data's.
+
+    Tracks are explained in their own world, and videos that need not look as expected may be of another one; but questions are
+    in the words of their world.
+    """
+    if config.source not in PERCEIVED:
+        return
+    theirs, ours = config.world, pipeline.world
+    any_world = config.source == "tracks" or (config.source == "videos" and pipeline.video.check != "refuse")
+    if theirs.vocabulary.words != ours.vocabulary.words or not (any_world or config.world_of_data is None):
+        check_world_of_data(config.root or config.questions, theirs, weights, ours)
 
 
 def _evaluate(config: EvaluationConfig, parser: Parser | None, perceived: Perceived) -> Report:

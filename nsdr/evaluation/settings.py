@@ -16,10 +16,10 @@ from nsdr.io.checkpoint import find_checkpoint, world_of_checkpoint
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.tasks import ENGINES
-from nsdr.io.worlds import known_world_beside, world_beside
+from nsdr.io.worlds import known_world_beside
 from nsdr.pipeline_config import OF_QUESTIONS, PipelineConfig, pipeline_settings
 from nsdr.validation import Count, PositiveCount, Settings, expect, one_of
-from nsdr.world.world import World
+from nsdr.world.world import CLEVRER_WORLD, World
 
 VERSION = 3
 """Of reports: raised when they change."""
@@ -128,15 +128,18 @@ class EvaluationConfig(Settings):
             raise DataError("source predictions cannot be read from a split of --root; give --questions and --data")
 
     @property
-    def world(self) -> World:
-        """The world of the questions: what is beside their file says it, or else what is beside `data`, or the checkpoint."""
+    def world_of_data(self) -> World | None:
+        """The world of the data: what is beside the questions or beside `data` says it; None where nothing does."""
         if self.root:
-            return world_beside(Path(self.root) / "manifest.json")
-        return (
-            known_world_beside(self.questions)
-            or known_world_beside(self.data)
-            or world_of_checkpoint(find_checkpoint(self.checkpoint))
-        )
+            return known_world_beside(Path(self.root) / "manifest.json")
+        return known_world_beside(self.questions) or known_world_beside(self.data)
+
+    @property
+    def world(self) -> World:
+        """The world of the questions: that of the data; or else CLEVRER's with `root`, and without it the checkpoint's."""
+        if self.root:
+            return self.world_of_data or CLEVRER_WORLD
+        return self.world_of_data or world_of_checkpoint(find_checkpoint(self.checkpoint))
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of the pipeline."""

@@ -140,6 +140,22 @@ def store_world_beside(file: str | Path, world: World) -> None:
         )
 
 
+def check_world_of_data(where: str | Path, theirs: World, weights: str, ours: World) -> None:
+    """Raise `DataError` if data were made in another world than the one that weights are for; says what differs.
+
+    Args:
+        where: the data.
+        theirs: the world that they were made in.
+        weights: what is for the other world, for the message.
+        ours: that world.
+    """
+    if differing := ", ".join(theirs.differences(ours)):
+        raise DataError(
+            f"{where}: was made in the world {theirs.name}, and {weights} is for {ours.name}, which has other {differing}; "
+            f"give weights for {theirs.name} (--checkpoint)"
+        )
+
+
 @lru_cache(maxsize=32)
 def _read_once(file_or_name: str) -> World:
     return read_world(file_or_name)
