@@ -7,14 +7,15 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 from msgspec import Meta
 
 from nsdr.dynamics import registry
 from nsdr.dynamics.base import Dynamics
+from nsdr.dynamics.physics.predictor import PhysicsPredictor
 from nsdr.dynamics.registry import BACKENDS, BackendConfig, backend_settings, load_backend, weights_folder
-from nsdr.errors import DataError
+from nsdr.errors import CheckpointError, DataError
 from nsdr.frame_parser.check.video import VideoConfig
 from nsdr.io.checkpoint import (
     PIPELINE,
@@ -35,7 +36,6 @@ from nsdr.question_parser import loading
 from nsdr.question_parser.base import Parser
 from nsdr.question_parser.loading import GRAMMAR, NETWORK, check_parser, load_parser
 from nsdr.tracking.tracker import TrackerConfig
-from nsdr.types import VideoProposals
 from nsdr.validation import MAX_SIZE, PositiveCount, Settings, one_of
 from nsdr.world.world import CLEVRER_WORLD, World
 
@@ -173,33 +173,36 @@ def check_weights(part: object, world: World) -> None:
             one.check_world(world)
 
 
-class NoFrameParser:
-    """Takes the place of a frame parser that a checkpoint of another world than CLEVRER lacks: all but videos can be given.
+class NoWeights:
+    """Takes the place of a frame parser or a detector of collisions for which there are no weights of the world.
+
+    A pipeline with it takes all that does without: masks, tracks, true collisions.
 
     Args:
-        reason: why there is none.
+        reason: why there are none.
     """
 
     def __init__(self, reason: str) -> None:
         self.reason = reason
 
-    def parse(self, frames: object, progress: bool = False) -> VideoProposals:
-        """Raise `DataError` with the reason."""
-        raise DataError(self.reason)
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise CheckpointError(self.reason)
+
+    parse = collision_candidates = _refuse
 
 
 def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> tuple["FrameParser", Dynamics, Parser]:
     """Load the frame parser, the dynamics backend and the question parser of a checkpoint.
 
     Args:
-        path_or_id: where the checkpoint is. A warning says which parts it lacks, and shipped ones are used for them. A frame
-            parser that would be of another world refuses videos when it gets one.
+        path_or_id: where the checkpoint is. A warning says which parts it lacks, and shipped ones are used for them. Where the
+            shipped frame parser or detector of collisions is of another world, `NoWeights` refuses when it is needed.
         config: settings of the parts.
         device: where the networks of the question parser run.
 
     Raises:
         CheckpointError: missing or corrupt; says what and how to get it.
-        DataError: an unknown device, or weights of another world; says what differs.
+        DataError: an unknown device, or weights of another world that the checkpoint has; says what differs.
         EndpointError: the server of the question parser does not answer.
     """
     folder = find_checkpoint(path_or_id)
@@ -223,12 +226,19 @@ def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> t
     try:
         frame_parser = FrameParser.from_checkpoint(taken["frame_parser"], **options)
     except DataError as e:
-        if taken["frame_parser"] == folder or config.world == CLEVRER_WORLD:
+        if not is_default(taken["frame_parser"]) or config.world == CLEVRER_WORLD:
             raise
         taken["frame_parser"] = folder
-        frame_parser = NoFrameParser(f"{folder}: has no frame parser, which videos need; of the shipped one: {e}")
+        frame_parser = NoWeights(f"videos need a frame parser, and {path_or_id} has none for this world: {e}")
     backend = load_backend(config.dynamics, folder)
-    check_weights(backend, config.world)
+    try:
+        check_weights(backend, config.world)
+    except DataError as e:
+        if not (isinstance(backend, PhysicsPredictor) and is_default(taken["dynamics"])):
+            raise
+        taken["dynamics"] = folder
+        needs = "collisions need a detector where no true_scene is given"
+        backend.detector = NoWeights(f"{needs}, and {path_or_id} has none for this world: {e}")
     lacking = [] if is_default(folder) else [part for part, found in taken.items() if found != folder]
     if lacking:
         warnings.warn(f"{folder} has no {', '.join(lacking)}; the shipped ones are used", stacklevel=3)

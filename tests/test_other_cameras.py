@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsdr import Camera, DataError, Pipeline, PipelineConfig
+from nsdr import Camera, CheckpointError, DataError, Pipeline, PipelineConfig
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.dynamics.motion_states import states_from_tracks
@@ -234,8 +234,9 @@ def test_the_camera_is_a_setting() -> None:
     assert fingerprint(config=settings) != fingerprint(config=PipelineConfig())
     with pytest.raises(DataError, match=r"camera: eye_world .* at least 0\.5 high"):
         pipeline_settings(overrides=["world.camera.eye_world=[1,2,0.1]"])
-    with pytest.raises(DataError, match="trained on images of 480x320; those of the world CLEVRER have 640x320"):
-        Pipeline.from_pretrained(config=PipelineConfig(world=World(camera=Camera(width=640))))
+    wide = Pipeline.from_pretrained(config=PipelineConfig(world=World(camera=Camera(width=640))), device="cpu")
+    with pytest.raises(CheckpointError, match="trained on images of 480x320; those of the world CLEVRER have 640x320"):
+        wide.proposals(np.zeros((2, 320, 640, 3), np.uint8))
     view = view_of(RenderConfig(width=240, height=160), 0, World(camera=OTHER))
     assert view.camera == replace(OTHER, width=240, height=160)
 

@@ -30,7 +30,7 @@ from nsdr.dynamics.propnet.patch_predictor import PatchPropNetPredictor
 from nsdr.dynamics.propnet.state_model import PropNet, PropNetConfig
 from nsdr.dynamics.propnet.state_predictor import PropNetPredictor
 from nsdr.dynamics.scene import scene_from_prediction
-from nsdr.errors import DataError, VideoError
+from nsdr.errors import CheckpointError, DataError, VideoError
 from nsdr.evaluation.score import score_scenes
 from nsdr.frame_parser.check.video import VideoConfig, check_video
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
@@ -47,7 +47,7 @@ from nsdr.io.checkpoint import find_checkpoint
 from nsdr.io.files import find_files, write_json
 from nsdr.io.reading import read_json
 from nsdr.io.video import frame_rate
-from nsdr.io.worlds import world_in
+from nsdr.io.worlds import stored_world, world_in
 from nsdr.laws.evidence import evidence_of
 from nsdr.laws.judge import judge_tracks
 from nsdr.question_parser.loading import load_parser
@@ -509,8 +509,21 @@ def test_a_checkpoint_without_a_frame_parser_takes_all_but_videos(tmp_path: Path
         " ".join(o[kind] for kind in ("color", "material", "shape")) for o in document["object_property"]
     }
     frames = np.zeros((16, DISCS.camera.height, DISCS.camera.width, 3), np.uint8)
-    with pytest.raises(DataError, match=r"has no frame parser, which videos need; of the shipped one: .*trained on"):
+    with pytest.raises(CheckpointError, match=r"videos need a frame parser, and .* has none for this world: .*trained on"):
         pipeline.proposals(frames)
+
+
+def test_a_world_without_weights_takes_tracks_with_their_true_collisions() -> None:
+    pipeline = nsdr.Pipeline.from_pretrained(config=nsdr.PipelineConfig(world=DISCS), device="cpu")
+    document = annotation_document(simulate_scene(44, removals=False, world=DISCS), 0, "video.mp4", DISCS.camera)
+    tracks, truth = tracks_from_annotation(document, DISCS), scene_from_annotation(document | stored_world(DISCS))
+    perception = pipeline.perceive(tracks=tracks, true_scene=truth)
+    assert pipeline.answer(perception.scene, "How many collisions happen?").answer == len(document["collision"])
+    assert pipeline.simulate(perception, [nsdr.Remove(0)]).differences()
+    with pytest.raises(CheckpointError, match=r"where no true_scene is given, and default has none .*train collisions"):
+        pipeline.perceive(tracks=tracks)
+    with pytest.raises(CheckpointError, match=r"videos need a frame parser, and default has none for this world"):
+        pipeline.scene(np.zeros((16, DISCS.camera.height, DISCS.camera.width, 3), np.uint8))
 
 
 def test_continuations_are_compared_by_the_laws_and_in_the_words_of_their_world(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from nsdr.baselines.recording import keep_recording
 from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.clevrer.layout import FolderFiles
 from nsdr.dynamics.registry import READ_NO_IMAGES
-from nsdr.errors import DataError, NsdrError
+from nsdr.errors import CheckpointError, DataError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
 from nsdr.evaluation.report import Report
 from nsdr.evaluation.score import Parse, score_scenes
@@ -296,6 +296,8 @@ def true_scene_of(source: SceneSource, s: SceneQuestions) -> Scene:
 def _executor(scene: Scene | Callable[[], Scene] | NsdrError, config: EvaluationConfig) -> Executor | NsdrError:
     try:
         known = scene() if callable(scene) else scene
+    except CheckpointError:  # other scenes would fail, too
+        raise
     except NsdrError as e:
         return e
     if isinstance(known, NsdrError):
