@@ -509,7 +509,9 @@ def test_a_checkpoint_without_a_frame_parser_takes_all_but_videos(tmp_path: Path
         " ".join(o[kind] for kind in ("color", "material", "shape")) for o in document["object_property"]
     }
     frames = np.zeros((16, DISCS.camera.height, DISCS.camera.width, 3), np.uint8)
-    with pytest.raises(CheckpointError, match=r"videos need a frame parser, and .* has none for this world: .*trained on"):
+    with pytest.raises(
+        CheckpointError, match=r"videos need a frame parser, and .* has none for this world: .*trained on"
+    ):
         pipeline.proposals(frames)
 
 
