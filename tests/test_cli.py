@@ -239,7 +239,7 @@ def test_parse_video_writes_scene_and_proposals(capsys, tmp_path) -> None:
     assert saved.dynamics is not None
     assert sorted(saved.dynamics.counterfactual) == list(range(6))
     assert saved.dynamics.observed.speed_world_per_s is not None
-    assert all(r.yaw is None and r.speed_world_per_s is None for r in saved.dynamics.counterfactual.values())
+    assert all(r.yaw is not None and r.speed_world_per_s is None for r in saved.dynamics.counterfactual.values())
     document = json.loads(proposals.read_text())
     assert document["video_index"] == 500002
     assert len(document["frames"]) == 128

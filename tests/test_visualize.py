@@ -15,7 +15,7 @@ import pytest
 from matplotlib import pyplot
 
 import nsdr.visualize
-from nsdr import DataError, Event, Executor, Scene, SceneObject, save
+from nsdr import DataError, Event, Executor, Scene, SceneObject, read_world, save
 from nsdr.clevrer.example import VIDEO
 from nsdr.cli.main import main
 from nsdr.io.video import read_video
@@ -199,6 +199,21 @@ def test_plan_shows_as_seen_only_what_is_in_the_image() -> None:
     solid, dashed = (np.flatnonzero(np.isfinite(line.get_xdata())) for line in lines)
     assert solid.tolist() == list(range(40, 50))
     assert dashed.tolist() == [*range(41), *range(49, 80)]
+    figure_png(figure)
+
+
+def test_plan_shows_boxes_with_their_edges_and_headings() -> None:
+    blocks, yaw = read_world("blocks"), np.linspace(0, np.pi / 6, 60)[None]
+    o = SceneObject(0, "pink", "metal", "brick")
+    rollout = Rollout(np.zeros((1, 60, 2)), np.ones((1, 60), bool), (), yaw=yaw)
+    figure = plan_figure(DynamicsPrediction((o,), 60, rollout, world=blocks))
+    (corners,) = [p.get_xy()[:-1] for p in figure.axes[0].patches if p.get_zorder() == 4]
+    edges = np.diff(corners, axis=0)
+    assert np.sort(np.linalg.norm(edges, axis=1))[::2] == pytest.approx([0.3, 0.6])
+    longest = max(
+        edges, key=np.linalg.norm
+    )  # along the x axis, which is up in the plan, and turned towards y, the right
+    assert abs(np.arctan2(*longest)) % np.pi == pytest.approx(np.pi / 6)
     figure_png(figure)
 
 

@@ -107,8 +107,8 @@ def _parse_video(options: Any) -> int:
 def _rounded(dynamics: Any) -> Any:
     """A prediction that takes little space in a file.
 
-    Positions and speeds are rounded to a thousandth of a world unit. Of the counterfactual rollouts, only the positions are
-    kept, which pictures show.
+    Positions, speeds and headings are rounded to a thousandth. Of the counterfactual rollouts, the speeds are left out, and the
+    rest is kept, which pictures show.
     """
 
     def short(rollout: Any, *dropped: str) -> Any:
@@ -118,7 +118,7 @@ def _rounded(dynamics: Any) -> Any:
         return replace(rollout, **rounded)
 
     counterfactual = {
-        removed: short(rollout, "speed_world_per_s", "yaw") for removed, rollout in dynamics.counterfactual.items()
+        removed: short(rollout, "speed_world_per_s") for removed, rollout in dynamics.counterfactual.items()
     }
     return replace(dynamics, observed=short(dynamics.observed), counterfactual=counterfactual)
 

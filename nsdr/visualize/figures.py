@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 from nsdr.io.files import check_installed
 from nsdr.types import DynamicsPrediction, Rollout
-from nsdr.visualize.plan_frames import reach, seen_ground
+from nsdr.types.scenes import yaws
+from nsdr.visualize.plan_frames import outline, reach, seen_ground
 
 DPI = 150
 """Resolution of PNG files (dots per inch)."""
 MARKERS = {"box": "s", "sphere": "o", "cylinder": "h"}
-"""Matplotlib marker of each solid."""
+"""Matplotlib marker of each solid, in the legend."""
 OBJECT_SIZE_PT = 15
-"""Size of an object's marker (points)."""
+"""Size of an object's marker in the legend, before its scale (points)."""
 STAR_SIZE_PT = 13
 """Size of a collision's star (points)."""
 PLAN_CORNERS_WORLD = ((-3.6, -2.4), (3.6, 2.6))
@@ -36,6 +37,7 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> A
     """The ground from above with trajectories, and collisions as numbered stars.
 
     A trajectory is solid while its object is in the image, and dashed before it enters, after it leaves and after the video.
+    Objects are drawn at the end of the solid part, in their size and with their heading where it is known.
     Stars of observed collisions are filled. The legend has the names of the objects and the frames of the collisions. With an
     object removed, grey lines are the trajectories with it. The shaded part of the ground is what the camera sees.
 
@@ -70,13 +72,14 @@ def plan_figure(prediction: DynamicsPrediction, removed: int | None = None) -> A
             beside = hidden | np.append(hidden[1:], False) | np.append(False, hidden[:-1])  # no gaps between the lines
             axes.plot(*_where(seen, path).T, color=color, lw=2)
             axes.plot(*_where(beside, path).T, color=color, lw=2, ls=(0, (3, 2)))
-        known = path[seen & np.isfinite(path[:, 0])]
+        known = np.flatnonzero(seen & np.isfinite(path[:, 0]))
         if len(known):
-            metallic = words.material(o.material).metallic
-            edge = {"mew": 2.0, "mec": "0.85"} if metallic else {"mew": 0.8, "mec": "black"}
-            opacity = 0.3 if o.id == removed else 1.0
-            style = {"ls": "", "ms": OBJECT_SIZE_PT, "mfc": color, "alpha": opacity, "zorder": 4, **edge}
-            axes.plot(*known[-1], marker=MARKERS[words.shape(o.shape).solid], label=f"{o.id} {o.name}", **style)
+            frame, shape, metallic = known[-1], words.shape(o.shape), words.material(o.material).metallic
+            (width, edge), opacity = (2.0, "0.85") if metallic else (0.8, "black"), 0.3 if o.id == removed else 1.0
+            corners = outline(shape, yaws(drawn)[o.id, frame]) + drawn.location_world[o.id, frame]
+            axes.fill(*_on_plan(corners).T, fc=color, ec=edge, lw=width, alpha=opacity, zorder=4)
+            style = {"ls": "", "ms": OBJECT_SIZE_PT, "mfc": color, "mew": width, "mec": edge, "alpha": opacity}
+            axes.plot([], [], marker=MARKERS[shape.solid], label=f"{o.id} {o.name}", **style)
     for number, event in enumerate(rollout.collisions, 1):
         at = np.nanmean(_on_plan(rollout.location_world[list(event.objects), event.frame]), 0)
         observed = event.frame <= last and (removed is None or event in prediction.observed.collisions)

@@ -101,7 +101,7 @@ def _draw_object(
     words, ink = world.vocabulary, GHOST if is_ghost else INK
     outlines = [1.0, 0.72] if words.material(o.material).metallic and not is_ghost else [1.0]
     for share in outlines:
-        points = _outline(words.shape(o.shape), yaw) * share + place
+        points = outline(words.shape(o.shape), yaw) * share + place
         if not is_ghost and share == 1.0:
             fill = words.color(o.color).srgb
             cv2.fillPoly(image, [_pixels(points, world)], fill, cv2.LINE_AA, SUBPIXEL_BITS)
@@ -109,7 +109,7 @@ def _draw_object(
         cv2.polylines(image, [_pixels(points, world)], True, color, 1, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
-def _outline(shape: Shape, yaw: float) -> FloatArray:
+def outline(shape: Shape, yaw: float) -> FloatArray:
     """(N, 2) corners of a shape around its centre (world units): a hexagon stands for a cylinder, as in `plan_figure`."""
     if shape.solid == "box":
         c, s = np.cos(yaw), np.sin(yaw)
