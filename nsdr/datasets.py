@@ -18,6 +18,7 @@ from nsdr.errors import DataError
 from nsdr.generate.manifest import made_with
 from nsdr.generate.render.geometry import Solid, instance_ids, optical_flow
 from nsdr.generate.render.view import view_of
+from nsdr.io.description import differing
 from nsdr.io.limits import check_limit
 from nsdr.io.video import window_frames
 from nsdr.validation import Count, PositiveCount, Settings
@@ -151,6 +152,10 @@ class VideoDataset(Dataset[dict[str, Tensor]]):
             raise DataError(f"length: {length} frames with step {step} span {span}; the videos have {n_frames}")
         starts = range(0, n_frames - span + 1, hop or span)
         self.clips = [(video, start) for video in self._videos() for start in starts]
+
+    def __repr__(self) -> str:
+        told = [repr(str(self._root)), self._split.name, f"{len(self)} clips of {self.length} frames"]
+        return f"VideoDataset({', '.join([*told, *differing(self._split.world)])})"
 
     def __len__(self) -> int:
         return len(self.clips)

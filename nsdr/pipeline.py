@@ -108,9 +108,10 @@ class Pipeline:
 
     def __repr__(self) -> str:
         parts = {name: described(getattr(self, name)) for name in PARTS}
-        settings = {name: getattr(self, name) for name in ("tracker", "video", "world")}
+        settings = {name: getattr(self, name) for name in ("tracker", "video")}
         parts |= {name: described(value) for name, value in settings.items() if differing(value)}
-        return f"Pipeline({', '.join(f'{name}={part}' for name, part in parts.items())})"
+        told = [*(f"{name}={part}" for name, part in parts.items()), *differing(self.world)]
+        return f"Pipeline({', '.join(told)})"
 
     @classmethod
     def from_pretrained(

@@ -11,8 +11,10 @@ import nsdr
 from nsdr.clevrer.example import TRUTH, VIDEO
 from nsdr.clevrer.files.proposals import proposals_from_masks
 from nsdr.dynamics import StoredExplanation
+from nsdr.io.files import write_json
 from nsdr.io.images import video_of
 from nsdr.io.video import read_video
+from nsdr.io.worlds import stored_world
 from nsdr.types.answers import ChoiceAnswer
 from nsdr.types.events import enter_exit_events
 from nsdr.world.world import CLEVRER_WORLD
@@ -100,6 +102,33 @@ def test_a_printed_pipeline_names_its_parts_and_what_is_special_about_them() -> 
         "Pipeline(frame_parser=Mine(gate=0.25), dynamics=NoneType(), "
         "question_parser=GrammarParser(extensions=True), video=VideoConfig(check='warn'))"
     )
+
+
+def test_what_is_printed_says_what_it_is(tmp_path) -> None:
+    blocks = nsdr.read_world("blocks")
+    manifest = {"splits": {"train": [0, 7], "validation": [10000, 10002], "test": [15000, 15000]}, "kinds": ["videos"]}
+    write_json(tmp_path / "manifest.json", {**manifest, "n_frames": 100, **stored_world(blocks)})
+    data, scene = nsdr.CLEVRER(tmp_path), nsdr.Scene.of(["red metal cube"], [])
+    assert repr(data) == f"CLEVRER('{tmp_path}', train=7, validation=2, test=0, world=World('blocks'))"
+    assert repr(data.split("train")) == f"Split('{tmp_path}', train, 7 videos, world=World('blocks'))"
+    (tmp_path / "manifest.json").unlink()
+    assert repr(nsdr.CLEVRER(tmp_path)) == f"CLEVRER('{tmp_path}', train=10000, validation=5000, test=5000)"
+    assert repr(nsdr.Executor(scene)) == f"Executor({scene.n_frames} frames, 1 objects)"
+    assert repr(nsdr.GrammarParser(vocabulary=blocks.vocabulary)).startswith("GrammarParser(words='orange white black ")
+    assert "world=World('blocks'), notes" in repr(nsdr.VideoTracks(5, (), blocks))
+    assert repr(nsdr.World(camera=nsdr.Camera(lens_mm=28))) == "World('CLEVRER', other camera.lens_mm)"
+    assert str(blocks).splitlines()[2] == "  materials: plastic, metal"
+    pipeline = nsdr.Pipeline.from_pretrained("blocks", device="cpu")
+    assert repr(pipeline.frame_parser) == "FrameParser(device=cpu, world=World('blocks'))"
+    assert repr(pipeline.dynamics) == "PhysicsPredictor(detector=TrackCollisionDetector(device=cpu))"
+    assert repr(pipeline).endswith("world=World('blocks'))")
+
+
+def test_public_classes_are_not_printed_as_an_address() -> None:
+    kinds = [kind for kind in map(nsdr.__getattr__, nsdr.__all__) if isinstance(kind, type)]
+    assert [
+        kind for kind in kinds if kind.__repr__ is object.__repr__ and not getattr(kind, "_is_protocol", False)
+    ] == []
 
 
 def detections(mask: np.ndarray) -> nsdr.VideoProposals:

@@ -205,9 +205,9 @@ def test_pipelines_refuse_worlds_whose_physics_they_do_not_know() -> None:
     assert heavy.differences(World()) == ["physics.gravity"]
     assert World("clevrer 2", camera=Camera(lens_mm=28.0)).differences(World()) == ["camera.lens_mm"]
     with pytest.raises(DataError, match=r"of the world CLEVRER; the world jupiter has other physics\.gravity:"):
-        Pipeline.from_pretrained(config=PipelineConfig(world=heavy))
+        Pipeline(Part(), nsdr.PhysicsPredictor.from_pretrained(), Part(), world=heavy)  # type: ignore[arg-type]
     with pytest.raises(DataError, match=r"the frame parser was trained on .*; .* world mine has? "):
-        Pipeline.from_pretrained(config=PipelineConfig(world=MINE))
+        Pipeline(nsdr.FrameParser.from_pretrained(), Part(), Part(), world=MINE)  # type: ignore[arg-type]
     assert Pipeline(*[Part()] * 3, world=MINE).world == MINE  # type: ignore[list-item]
 
 

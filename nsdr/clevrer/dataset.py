@@ -10,6 +10,7 @@ from nsdr.clevrer.files.proposals import read_proposals
 from nsdr.clevrer.files.questions import SceneQuestions, read_questions
 from nsdr.clevrer.layout import DataSetFiles
 from nsdr.errors import DataError
+from nsdr.io.description import differing
 from nsdr.io.limits import check_limit
 from nsdr.io.reading import read_json
 from nsdr.io.worlds import world_in
@@ -108,6 +109,10 @@ class CLEVRER:
         self.world = CLEVRER_WORLD if self.manifest is None else world_in(self.manifest, f"{path}: ")
         self.files = DataSetFiles(self.root)
 
+    def __repr__(self) -> str:
+        sizes = [f"{name}={len(self.split(name).indices)}" for name in SPLITS]
+        return f"CLEVRER({', '.join([repr(str(self.root)), *sizes, *differing(self.world)])})"
+
     def split(self, name: str) -> "Split":
         """One split.
 
@@ -176,6 +181,10 @@ class Split:
     ) -> None:
         self.files, self.root, self.name, self.indices = files, files.root, name, indices
         self.kinds, self.n_frames, self.world = kinds, n_frames, world
+
+    def __repr__(self) -> str:
+        told = [repr(str(self.root)), self.name, f"{len(self.indices)} videos", *differing(self.world)]
+        return f"Split({', '.join(told)})"
 
     @property
     def question_file(self) -> Path | None:

@@ -59,6 +59,9 @@ class Explanation(ABC):
         self.world = world
         self.physics = physics
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.n_frames} frames, {len(self.objects)} objects)"
+
     @property
     def camera(self) -> Camera:
         """The camera that took the video."""

@@ -10,6 +10,7 @@ from nsdr.clevrer.velocity_rule import velocity_collisions
 from nsdr.dynamics.base import Dynamics, Explanation, only_removal
 from nsdr.dynamics.motion_states import MotionStates
 from nsdr.io.checkpoint import HasWeights
+from nsdr.io.description import described
 from nsdr.types import Event, Rollout
 from nsdr.types.interventions import Intervention
 from nsdr.world.camera import Camera, grid_from_pixels, on_ground
@@ -27,6 +28,8 @@ class VelocityEvents:
     Args:
         backend: backend that predicts motion, given the collisions detected in the video.
     """
+
+    __repr__ = described
 
     def __init__(self, backend: Dynamics) -> None:
         self.backend = backend

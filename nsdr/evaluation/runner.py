@@ -22,7 +22,7 @@ from nsdr.errors import CheckpointError, DataError, NsdrError
 from nsdr.evaluation.batch import worker_pipeline
 from nsdr.evaluation.report import Report
 from nsdr.evaluation.score import Parse, score_scenes
-from nsdr.evaluation.settings import EvaluationConfig, selected_questions
+from nsdr.evaluation.settings import EvaluationConfig, known_world_of_data, selected_questions
 from nsdr.evaluation.sources import SOURCES, Data, PerceptionInput, SceneSource, prediction_file
 from nsdr.io import storage
 from nsdr.io.device import resolve_device, workers_on
@@ -140,7 +140,7 @@ def _check_world(config: EvaluationConfig, pipeline: Pipeline | PipelineConfig, 
         return
     theirs, ours = config.world, pipeline.world
     any_world = config.source == "tracks" or (config.source == "videos" and pipeline.video.check != "refuse")
-    if theirs.vocabulary.words != ours.vocabulary.words or not (any_world or config.world_of_data is None):
+    if theirs.vocabulary.words != ours.vocabulary.words or not (any_world or known_world_of_data(config) is None):
         check_world_of_data(config.root or config.questions, theirs, weights, ours)
 
 

@@ -128,23 +128,23 @@ class EvaluationConfig(Settings):
             raise DataError("source predictions cannot be read from a split of --root; give --questions and --data")
 
     @property
-    def world_of_data(self) -> World | None:
-        """The world of the data: what is beside the questions or beside `data` says it; None where nothing does."""
-        if self.root:
-            return known_world_beside(Path(self.root) / "manifest.json")
-        return known_world_beside(self.questions) or known_world_beside(self.data)
-
-    @property
     def world(self) -> World:
         """The world of the questions: that of the data; or else CLEVRER's with `root`, and without it the checkpoint's."""
-        if self.root:
-            return self.world_of_data or CLEVRER_WORLD
-        return self.world_of_data or world_of_checkpoint(find_checkpoint(self.checkpoint))
+        if known := known_world_of_data(self):
+            return known
+        return CLEVRER_WORLD if self.root else world_of_checkpoint(find_checkpoint(self.checkpoint))
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of the pipeline."""
         chosen = [f"question_parser={self.question_parser}"] if self.question_parser else []
         return pipeline_settings(self.config, self.dynamics, [*self.set, *chosen], self.checkpoint)
+
+
+def known_world_of_data(config: EvaluationConfig) -> World | None:
+    """The world that the data set says, or what is beside the questions or beside `data`; None where nothing says it."""
+    if config.root:
+        return known_world_beside(Path(config.root) / "manifest.json")
+    return known_world_beside(config.questions) or known_world_beside(config.data)
 
 
 def evaluation_fingerprint(config: EvaluationConfig) -> str:

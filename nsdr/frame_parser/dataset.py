@@ -18,6 +18,7 @@ from torchvision.ops import box_convert
 
 from nsdr.errors import DataError, machine_error
 from nsdr.frame_parser.frame_files import read_frame_records
+from nsdr.io.description import differing
 from nsdr.io.limits import check_limit
 from nsdr.io.worlds import world_of_folder
 from nsdr.validation import Settings, Share, expect
@@ -125,6 +126,10 @@ class FrameDataset(Dataset[tuple[Tensor, Target]]):
         self.records = [r for r in records if (r["scene"] % EVALUATION_EVERY == 0) in kept]
         if not self.records:
             raise DataError(f"{self.folder}: no frames for part {part!r}; expected annotations_*.jsonl and images/")
+
+    def __repr__(self) -> str:
+        told = [repr(str(self.folder)), f"{len(self)} frames", *differing(self.world)]
+        return f"FrameDataset({', '.join(told)})"
 
     def __len__(self) -> int:
         return len(self.records)

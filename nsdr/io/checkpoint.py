@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar, runtime_checkable
 
 from nsdr.errors import CheckpointError, DataError, machine_error
+from nsdr.io.description import described
 from nsdr.io.device import resolve_device
 from nsdr.io.files import write_file, write_json
 from nsdr.io.limits import check_limit
@@ -409,6 +410,8 @@ class PretrainedPart(Generic[Model]):
                 f"{type(self).__name__}: its weights are of the world {trained.name}; the world {world.name} has other "
                 f"{', '.join(differing)}: give weights of this world, or train them (`nsdr train {self.part}`)"
             )
+
+    __repr__ = described
 
     def _description(self) -> tuple[Any, Mapping[str, Any]]:
         """The dataclass that rebuilds the network, and what else belongs into the JSON."""

@@ -1,11 +1,12 @@
-"""Parts of the system in words: class, device, and the settings that differ from the defaults."""
+"""Parts of the system in words: class, device, and the settings that differ from the defaults. `__repr__ = described` prints a part so."""
 
 import inspect
 from dataclasses import MISSING, fields, is_dataclass
 from types import MappingProxyType
 from typing import Any
 
-from nsdr.io.checkpoint import HasWeights
+from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.world import World
 
 
 def described(part: object) -> str:
@@ -27,13 +28,17 @@ def described(part: object) -> str:
             told += [f"{name}={value!r}"] if value != parameter.default else []
         elif is_dataclass(value) and not isinstance(value, type):
             told += differing(value)
-        elif isinstance(value, HasWeights):
+        elif hasattr(value, "save_pretrained"):
             told.append(f"{name}={described(value)}")
     return f"{type(part).__name__}({', '.join(told)})"
 
 
 def differing(settings: Any) -> list[str]:
-    """The fields of a dataclass that differ from their defaults, as "name=value"."""
+    """The fields of a dataclass that differ from their defaults, as "name=value". A world and a vocabulary are told as one."""
+    if isinstance(settings, World):
+        return [] if settings == World() else [f"world={settings!r}"]
+    if isinstance(settings, Vocabulary):
+        return [] if settings == Vocabulary() else [f"words={' '.join(settings.attributes)!r}"]
     found = []
     for f in fields(settings):
         value, default = getattr(settings, f.name), f.default if f.default_factory is MISSING else f.default_factory()

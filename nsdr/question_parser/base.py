@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from nsdr.errors import DataError, EndpointError, NsdrError, ProgramError, QuestionError
+from nsdr.io.description import described
 from nsdr.io.registry import checked_result
 from nsdr.question_parser.suggestions import QUESTION_KINDS, intervention_hint, nearest_questions
 from nsdr.symbolic import Program
@@ -22,6 +23,7 @@ class Parser(ABC):
     """
 
     vocabulary: Vocabulary = CLEVRER
+    __repr__ = described
 
     @abstractmethod
     def parse_batch(self, texts: Sequence[str], kind: str = "descriptive") -> list[Program | NsdrError]:

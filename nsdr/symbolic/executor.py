@@ -59,6 +59,9 @@ class Executor:
         self.facts = SceneFacts(scene, simulate)
         self._possible_scenes = PossibleScenes(scene, Executor)
 
+    def __repr__(self) -> str:
+        return f"Executor({self.scene.n_frames} frames, {len(self.scene.objects)} objects)"
+
     def _parsed(self, program: ProgramSource) -> Program:
         """A program in the words of the scene's world."""
         return Program.parse(program, self.scene.world.vocabulary)

@@ -39,6 +39,9 @@ class OfficialExecutor:
     def __init__(self, content: PredictionFile, collisions: str = "predicted") -> None:
         self.facts = OfficialFacts(content, collisions)
 
+    def __repr__(self) -> str:
+        return f"OfficialExecutor({len(self.facts.objects)} objects)"
+
     def run(self, program: ProgramSource) -> Any:
         """Run a program.
 

@@ -40,11 +40,11 @@ class Scales(NamedTuple):
     rate: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class World(Checked):
     """A world of colliding objects on a table: what its videos show, and how it is told. The defaults are CLEVRER's.
 
-    `configs/worlds/clevrer.yaml` has all fields.
+    `configs/worlds/clevrer.yaml` has all fields. Printed, it is its words, frames and images.
 
     Attributes:
         name: for messages.
@@ -73,6 +73,17 @@ class World(Checked):
         check_on_table(self.layout, self.physics)
         check_in_view(self.layout, self.camera)
         check_motion(self.vocabulary, self.physics)
+
+    def __repr__(self) -> str:
+        others = self.differences(CLEVRER_WORLD) if self.name == CLEVRER_WORLD.name else []
+        return f"World({', '.join([repr(self.name), *(f'other {name}' for name in others)])})"
+
+    def __str__(self) -> str:
+        words = (f"{kind}s: {', '.join(known)}" for kind, known in self.vocabulary.words.items())
+        images = f"{self.camera.width}x{self.camera.height}"
+        return "\n  ".join(
+            [self.name, *words, f"{self.timeline.frames} frames at {self.timeline.fps} per second, {images}"]
+        )
 
     @property
     def scales(self) -> Scales:

@@ -17,6 +17,7 @@ from nsdr.dynamics.physics.config import PhysicsConfig
 from nsdr.dynamics.physics.fitted_scene import FittedScene
 from nsdr.dynamics.track_smoothing import smooth_tracks
 from nsdr.io.checkpoint import HasWeights, find_checkpoint
+from nsdr.io.description import described
 from nsdr.io.device import limit_threads
 from nsdr.types import DynamicsPrediction, Event, Rollout
 
@@ -39,6 +40,7 @@ class PhysicsPredictor:
     """
 
     name = "physics"
+    __repr__ = described
 
     def __init__(self, detector: CollisionDetector, config: PhysicsConfig | None = None) -> None:
         self.detector = detector
