@@ -327,7 +327,7 @@ def test_training_takes_words_and_colors_of_the_frames_world(tmp_path) -> None:
         Vocabulary((Color("orange", (255, 140, 0)),), (Material("wood"),), CLEVRER_WORLD.vocabulary.shapes),
         timeline=Timeline(20, 60),
         camera=Camera(width=256, height=200),
-        layout=Layout(((2, 1.0),)),
+        layout=Layout(((2, 1.0),), 2),
     )
     image, mask = np.full((200, 256, 3), 51, np.uint8), np.zeros((200, 256), np.uint8, order="F")
     mask[80:120, 100:150] = 1

@@ -135,7 +135,7 @@ def test_runs_follow_bullet(world: World, words: tuple[str, str], material: str)
 def test_long_boxes_touch_with_any_corner() -> None:
     """Here, with one that points away from the middle of the other box."""
     bar, c, s = Shape("bar", "box", (2.0, 0.1, 0.2), 0.03), np.cos(np.pi / 6), np.sin(np.pi / 6)
-    layout = replace(DISCS.layout, objects=((2, 1.0),), area_world=(-4.0, 4.0, -4.0, 4.0))
+    layout = replace(DISCS.layout, objects=((2, 1.0),), participants=2, area_world=(-4.0, 4.0, -4.0, 4.0))
     world = replace(BRICKS, vocabulary=replace(BRICKS.vocabulary, shapes=(PLANK, bar)), layout=layout)
     lowest = (outline_of(PLANK) @ np.array([[c, -s], [s, c]]))[:, 1].min()
     state = np.array([(0.0, 0.0, 0.0, 0.0, -np.pi / 6, 0.0), (-0.8, lowest - 0.07, 0.0, 0.0, 0.0, 0.0)])

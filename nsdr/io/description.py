@@ -1,4 +1,4 @@
-"""Parts of the system in words: class, device, and the settings that differ from the defaults. `__repr__ = described` prints a part so."""
+"""Parts of the system in words: class, device, and the settings that differ from the defaults, as `__repr__ = described`."""
 
 import inspect
 from dataclasses import MISSING, fields, is_dataclass

@@ -2,13 +2,17 @@
 
 from dataclasses import replace
 from itertools import product
+from math import hypot
 
 from nsdr.errors import DataError
 from nsdr.world.camera import Camera
 from nsdr.world.layout import START_SPACING, Layout
-from nsdr.world.physics import Physics
-from nsdr.world.vocabulary import Vocabulary
+from nsdr.world.physics import Physics, Timeline
+from nsdr.world.vocabulary import Shape, Vocabulary
 
+MIN_OBJECT_PX = 4
+"""Least width of an object in the middle of the area in which scenes happen (pixels): smaller ones have no shape that can be
+seen."""
 MAX_SIDE_PX = 4096
 """Largest image width and height that H.264 encoders take at every level (pixels)."""
 
@@ -41,8 +45,8 @@ def check_on_table(layout: Layout, physics: Physics) -> None:
         )
 
 
-def check_in_view(layout: Layout, camera: Camera) -> None:
-    """Raise `DataError` unless the camera sees the middle of the area, in images that a video can have."""
+def check_in_view(vocabulary: Vocabulary, layout: Layout, camera: Camera) -> None:
+    """Raise `DataError` unless the camera sees objects in the middle of the area, in images that a video can have."""
     x0, x1, y0, y1 = layout.area_world
     copy = replace(camera)  # what a camera keeps of its computations would be taken for settings
     column, row = copy.pixels([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
@@ -51,6 +55,13 @@ def check_in_view(layout: Layout, camera: Camera) -> None:
             f"camera: eye_world {list(camera.eye_world)}, target_world {list(camera.target_world)}: the middle of "
             f"layout.area_world {list(layout.area_world)} is not in the image"
         )
+    thinnest = _thinnest(vocabulary)
+    width = min(thinnest.size_world[:2]) * camera.focal_px / float(copy.depth([(x0 + x1) / 2, (y0 + y1) / 2, 0.0]))
+    if width < MIN_OBJECT_PX:
+        raise DataError(
+            f"camera: in images of {camera.width}x{camera.height} with lens_mm {camera.lens_mm:g}, a {thinnest.word} in the "
+            f"middle of layout.area_world is {width:.2g} pixels wide; expected {MIN_OBJECT_PX} or more"
+        )
     if camera.width % 2 or camera.height % 2 or max(camera.width, camera.height) > MAX_SIDE_PX:
         raise DataError(
             f"camera: expected an even width and height of up to {MAX_SIDE_PX} pixels, as videos have, got "
@@ -58,12 +69,33 @@ def check_in_view(layout: Layout, camera: Camera) -> None:
         )
 
 
+def check_objects_arrive(vocabulary: Vocabulary, physics: Physics, timeline: Timeline, layout: Layout) -> None:
+    """Raise `DataError` unless an object gets from where the first one starts to the area in the time that is simulated."""
+    frames = timeline.horizon_frame(timeline.frames)
+    x0, x1, y0, y1 = layout.area_world
+    away = layout.start_distance_world[0] - max(hypot(x, y) for x, y in product((x0, x1), (y0, y1)))
+    fastest, seconds = physics.start_speed_world_per_s[1], frames * physics.frame_seconds
+    least = min(s.friction * m.friction for s, m in product(vocabulary.shapes, vocabulary.materials)) * physics.gravity
+    time = min(seconds, fastest / least) if least else seconds  # until it has stopped
+    slid = fastest * time - least * time**2 / 2
+    if slid < away:
+        raise DataError(
+            f"physics: start_speed_world_per_s {fastest:g}: no object would slide by more than {slid:.3g} in the "
+            f"{frames} frames that are simulated ({seconds:.3g} s), and get from its start (layout.start_distance_world) to "
+            f"layout.area_world, {away:.3g} away"
+        )
+
+
+def _thinnest(vocabulary: Vocabulary) -> Shape:
+    return min(vocabulary.shapes, key=lambda shape: min(shape.size_world[:2]))
+
+
 def check_motion(vocabulary: Vocabulary, physics: Physics) -> None:
     """Raise `DataError` unless objects meet as the simulators assume.
 
     Collisions are computed in the plane of the table; so two objects have to meet at a vertical wall, or at equal heights.
     """
-    thinnest = min(vocabulary.shapes, key=lambda shape: min(shape.size_world[:2]))
+    thinnest = _thinnest(vocabulary)
     fastest, half = physics.start_speed_world_per_s[1], min(thinnest.size_world[:2]) / 2
     if fastest * physics.step_seconds >= half:
         raise DataError(

@@ -48,6 +48,11 @@ class Layout(Checked):
             )
         if not any(share for _, share in self.objects):
             raise DataError("layout: objects: expected a probability above 0 of one number of objects at least")
+        if self.participants > self.most_objects:
+            raise DataError(
+                f"layout: participants {self.participants}: expected the number of objects in the largest scenes "
+                f"(layout.objects), {self.most_objects}, or fewer"
+            )
 
     @property
     def most_objects(self) -> int:

@@ -6,12 +6,14 @@ from typing import Annotated
 from msgspec import Meta
 
 from nsdr.errors import DataError
-from nsdr.validation import Checked, Positive, PositiveCount, Share
+from nsdr.validation import Checked, Positive, Share
 
 DECIMALS = 12
 """Products of settings are rounded to so many decimals, so that 0.8 times 0.8 is 0.64."""
 
 
+MIN_VIDEO_FRAMES = 10
+"""Fewest frames of a video: collisions in the first ones are not planned."""
 CONTACT_PAUSE_SECONDS = 0.28
 """Two objects that touch after more than this time without contact have collided again."""
 
@@ -54,6 +56,12 @@ class Physics(Checked):
             low, high = getattr(self, name)
             if low > high:
                 raise DataError(f"physics: {name}: expected the smaller number first, got {low:g} and {high:g}")
+        fastest = self.start_speed_world_per_s[1]
+        if self.moving_speed_world_per_s >= fastest:
+            raise DataError(
+                f"physics: moving_speed_world_per_s {self.moving_speed_world_per_s:g}: nothing would count as moving; expected "
+                f"less than the fastest start_speed_world_per_s, {fastest:g}"
+            )
 
     @property
     def log_mass_std(self) -> float:
@@ -88,8 +96,8 @@ class Timeline(Checked):
             7 s of video time and shows the first 5 (paper, section 3.1).
     """
 
-    fps: PositiveCount = 25
-    frames: PositiveCount = 128
+    fps: Annotated[int, Meta(ge=1, le=1000)] = 25
+    frames: Annotated[int, Meta(ge=MIN_VIDEO_FRAMES)] = 128
     horizon: Annotated[float, Meta(ge=1, le=10)] = 1.4
 
     def horizon_frame(self, n_frames: int) -> int:

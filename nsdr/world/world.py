@@ -6,7 +6,13 @@ from typing import Any, NamedTuple
 from nsdr.errors import DataError
 from nsdr.validation import Checked
 from nsdr.world.camera import Camera
-from nsdr.world.consistency import check_in_view, check_motion, check_objects_fit, check_on_table
+from nsdr.world.consistency import (
+    check_in_view,
+    check_motion,
+    check_objects_arrive,
+    check_objects_fit,
+    check_on_table,
+)
 from nsdr.world.layout import Layout
 from nsdr.world.look import Look
 from nsdr.world.physics import Physics, Timeline
@@ -71,7 +77,8 @@ class World(Checked):
         super().__post_init__()
         check_objects_fit(self.vocabulary, self.layout)
         check_on_table(self.layout, self.physics)
-        check_in_view(self.layout, self.camera)
+        check_in_view(self.vocabulary, self.layout, self.camera)
+        check_objects_arrive(self.vocabulary, self.physics, self.timeline, self.layout)
         check_motion(self.vocabulary, self.physics)
 
     def __repr__(self) -> str:

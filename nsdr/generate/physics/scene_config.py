@@ -11,13 +11,12 @@ from nsdr.generate.physics.bullet import BulletConfig
 from nsdr.io.limits import check_limit, limits
 from nsdr.validation import NotNegative, Positive, Settings, expect
 from nsdr.world.layout import MIN_OBJECTS
+from nsdr.world.physics import MIN_VIDEO_FRAMES
 from nsdr.world.vocabulary import Vocabulary, Word
 from nsdr.world.world import World
 
 Triple = tuple[str, str, str]
 """(color, material, shape) of an object."""
-MIN_VIDEO_FRAMES = 10
-"""Shortest video (frames)."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,8 @@ class SceneConfig(Settings):
         if self.mass is not None:
             physics = replace(physics, mass_range=self.mass)
         if self.objects is not None:
-            layout = replace(layout, objects=tuple(self.objects.items()))
+            most = max(n for n, share in self.objects.items() if share)
+            layout = replace(layout, objects=tuple(self.objects.items()), participants=min(layout.participants, most))
         if self.participants is not None:
             layout = replace(layout, participants=self.participants)
         if self.n_frames is not None:
