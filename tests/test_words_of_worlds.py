@@ -1,6 +1,7 @@
 """Questions, answers and programs in the words of another world, from the generator to the executor."""
 
 import json
+import random
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -37,7 +38,12 @@ from nsdr.evaluation import EvaluationConfig, run_evaluation
 from nsdr.evaluation.responses import score_responses
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.export.formats import FORMATS, Sample
-from nsdr.generate.questions.candidates import EXTENSION_KINDS
+from nsdr.generate.questions.candidates import (
+    EXTENSION_KINDS,
+    descriptive_questions,
+    multiple_choice_questions,
+    plain_questions,
+)
 from nsdr.generate.questions.selection import QuestionConfig, world_of
 from nsdr.io.files import write_json
 from nsdr.io.reading import read_json
@@ -366,6 +372,23 @@ def test_weights_of_another_world_are_refused_once(root: Path, source, capsys, t
     assert (out, err.count("which has other")) == ("", 1)
     assert err.startswith(said)
     assert "give weights for" in err
+
+
+def test_nothing_is_asked_whose_answer_the_vocabulary_knows() -> None:
+    clay = read_world("clevrer").vocabulary.materials[:1]
+    world = World("clay", replace(CLEVRER_WORLD.vocabulary, materials=(replace(clay[0], word="clay", synonyms=()),)))
+    objects = ["red clay cube", "blue clay cube", "red clay sphere", "green clay cylinder"]
+    scene = Scene.of(objects, [("collision", 30, "red cube", "blue cube"), ("in", 10, "red sphere")], world=world)
+    rng = random.Random(0)
+    asked = [
+        *descriptive_questions(scene, rng),
+        *multiple_choice_questions(scene, rng),
+        *plain_questions(scene, rng, 50),
+    ]
+    assert {q.subtype for q in asked if q.subtype != PLAIN} > {"query_color", "query_shape", "count", "exist"}
+    texts = [text for q in asked for text in (q.text, *(c.text for c in q.choices))]
+    assert len(texts) > 100
+    assert not [text for text in texts if "clay" in text or "material" in text]
 
 
 @pytest.mark.parametrize("length", ["short", "long"])

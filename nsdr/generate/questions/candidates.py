@@ -60,13 +60,19 @@ def is_negated(question: Question) -> bool:
     return (question.program or ())[-1:] == ("negate",)
 
 
+def telling(vocabulary: Vocabulary) -> list[str]:
+    """The kinds of words that say something about an object. Where all objects are of clay, "clay" says nothing."""
+    return [kind for kind, words in vocabulary.words.items() if len(words) > 1]
+
+
 class SceneWords:
     """Descriptions of a scene's objects and classes; implements `nsdr.language.rules.Phrases`."""
 
     def __init__(self, scene: Scene, rng: random.Random) -> None:
         self.rng, self.vocabulary = rng, scene.world.vocabulary
-        known = tuple(self.vocabulary.words.values())
-        triples = [(o.color, o.material, o.shape) for o in scene.objects]
+        kinds = telling(self.vocabulary)
+        known = tuple(self.vocabulary.words[kind] for kind in kinds)
+        triples = [tuple(getattr(o, kind) for kind in kinds) for o in scene.objects]
         matches: dict[tuple[str, ...], list[int]] = {}
         for i, triple in enumerate(triples):
             for size in (1, 2, 3):
@@ -114,7 +120,7 @@ def _attributes(words: tuple[str, ...], vocabulary: Vocabulary) -> tuple[str, ..
 def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False) -> Iterator[Question]:
     """All descriptive questions that have an answer in the scene, each in a random wording and with the id 0.
 
-    Questions about motion are omitted when the scene's `moving` is None.
+    Questions that have one possible answer, such as about the material in a world with one, are omitted. Questions about motion are omitted when the scene's `moving` is None.
 
     Args:
         scene: the scene.
@@ -123,8 +129,11 @@ def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False
     """
     words, executor = SceneWords(scene, rng), Executor(scene)
     of_clevrer = ["EVENTS", "QUERY"] if scene.moving is None else ["EVENTS", "MOTION", "QUERY"]
+    known = {f"query_{kind}" for kind in NAMES if kind not in telling(words.vocabulary)}
     for symbol in map(str.upper, EXTENSION_KINDS) if beyond else of_clevrer:
         for text, program in clevrer(scene.world.vocabulary).every(symbol, words, rng):
+            if program[-1] in known:
+                continue
             try:
                 answer = executor.answer(program).text
             except ExecutionError:  # not known, no such object or event, or more than one
@@ -279,10 +288,11 @@ def plain_questions(scene: Scene, rng: random.Random, count: int) -> list[Questi
 
 def _plain_program(scene: Scene, rng: random.Random) -> tuple[str, ...]:
     """A random program: it selects objects by one or two attributes, sometimes also by their motion, and asks about them."""
-    ending = rng.choice(["count", "exist", *[f"query_{name}" for name in NAMES]])
-    names = [name for name in NAMES if ending != f"query_{name}"]
+    kinds = telling(scene.world.vocabulary)
+    ending = rng.choice(["count", "exist", *[f"query_{name}" for name in kinds]])
+    names = [name for name in kinds if ending != f"query_{name}"]
     chosen = rng.choice(scene.objects)
-    words = {name: getattr(chosen, name) for name in rng.sample(names, rng.randint(1, 2))}
+    words = {name: getattr(chosen, name) for name in rng.sample(names, min(rng.randint(1, 2), len(names)))}
     if ending in ("count", "exist") and rng.random() < 0.5:
         name = rng.choice(names)
         words = {name: rng.choice(scene.world.vocabulary.words[name])}
