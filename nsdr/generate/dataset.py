@@ -252,7 +252,7 @@ def _generate(config: DatasetConfig, root: Path, keep_going: bool) -> None:
             _write_split_questions(config, split, [index for name, index in made if name == split])
     truths = (read_truth_file(Files(root, *video).truth) for video in made)
     counts = count_scenes(scene_from_truth(t) for t in truths)
-    write_statistics(root, counts, f"{len(made)} generated videos")
+    write_statistics(root, counts, f"{len(made)} generated videos", config.own_world)
 
 
 def _write_split_questions(config: DatasetConfig, split: str, indices: Sequence[int]) -> None:

@@ -1,4 +1,4 @@
-"""Statistics of scenes and of questions beside the release's, as Markdown tables."""
+"""Statistics of scenes and of questions as Markdown tables, in CLEVRER's world beside the release's."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,7 +13,7 @@ from nsdr.clevrer.files.questions import SceneQuestions
 from nsdr.io.files import write_file
 from nsdr.io.reading import parse_json
 from nsdr.types import Scene
-from nsdr.world.world import World
+from nsdr.world.world import CLEVRER_WORLD, World
 
 FRAME_BIN = 10
 """Width of a bin of frames."""
@@ -105,20 +105,28 @@ def count_questions(scenes: Iterable[SceneQuestions]) -> Counts:
     return {name: {k: counts[name][k] for k in sorted(counts[name])} for name in names if name in counts}
 
 
-def write_statistics(folder: str | Path, counts: Counts, title: str) -> None:
-    """Write `statistics.md`: `count_scenes` of a data set beside that of the release."""
-    released = released_statistics()
-    lines = [f"# {title}", "", "Shares in percent, this data set / the release (12,228 videos).", ""]
+def write_statistics(folder: str | Path, counts: Counts, title: str, world: World) -> None:
+    """Write `statistics.md`: `count_scenes` of a data set, in CLEVRER's world beside that of the release."""
+    released, of_release = (
+        ({}, "") if world != CLEVRER_WORLD else (released_statistics(), " and of the release (12,228 videos)")
+    )
+    lines = [f"# {title}", "", f"Shares in percent, of this data set{of_release}.", ""]
     for name in (name for name in TITLES if name in counts):
         lines += _table(TITLES[name].capitalize(), counts[name], released.get(name, {}))
     write_file(Path(folder) / "statistics.md", "\n".join(lines) + "\n")
 
 
 def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions], world: World) -> None:
-    """Write `STEM.statistics.md`: `count_questions` beside that of the release, and the accuracy from question types alone."""
+    """Write `STEM.statistics.md`: `count_questions`, and the accuracy from question types alone.
+
+    In CLEVRER's world, both are beside those of the release.
+    """
+    of_clevrers_world = world == CLEVRER_WORLD
     lines = [f"# Questions on {len(scenes)} videos", ""]
     for name, values in count_questions(scenes).items():
-        lines += _table(f"{name.capitalize()} (%)", values, RELEASED_QUESTIONS.get(name, {}))
+        lines += _table(
+            f"{name.capitalize()} (%)", values, RELEASED_QUESTIONS.get(name, {}) if of_clevrers_world else {}
+        )
     lines += [
         "## Accuracy from the question's type alone",
         "",
@@ -133,7 +141,8 @@ def write_question_statistics(stem: str | Path, scenes: Sequence[SceneQuestions]
         replace(s, questions=tuple(q for q in s.questions if q.choices or q.subtype in SUBTYPES)) for s in scenes
     ]
     for baseline, rows in q_type_baselines(of_clevrer, world=world).items():
-        for source, scale, found in (("this set", 100, rows), ("as published", 1, PUBLISHED_Q_TYPE[baseline])):
+        published = [("as published", 1, PUBLISHED_Q_TYPE[baseline])] if of_clevrers_world else []
+        for source, scale, found in [("this set", 100, rows), *published]:
             cells = [_accuracy(found.get(kind), scale) for kind in PUBLISHED_Q_TYPE["random"]]
             lines.append(f"| Q-type ({baseline}), {source} | {' | '.join(cells)} |")
     path = Path(stem)

@@ -120,7 +120,8 @@ def _attributes(words: tuple[str, ...], vocabulary: Vocabulary) -> tuple[str, ..
 def descriptive_questions(scene: Scene, rng: random.Random, beyond: bool = False) -> Iterator[Question]:
     """All descriptive questions that have an answer in the scene, each in a random wording and with the id 0.
 
-    Questions that have one possible answer, such as about the material in a world with one, are omitted. Questions about motion are omitted when the scene's `moving` is None.
+    Questions that have one possible answer, such as about the material in a world with one, are omitted, and so are questions
+    about motion when the scene's `moving` is None.
 
     Args:
         scene: the scene.
