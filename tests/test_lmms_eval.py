@@ -9,12 +9,14 @@ from types import ModuleType
 import pytest
 from msgspec.structs import replace
 
-from nsdr import DataError
+from nsdr import DataError, read_world
 from nsdr.clevrer import read_answers, read_questions
 from nsdr.clevrer.example import QUESTIONS, VIDEO
-from nsdr.clevrer.files.questions import write_questions
+from nsdr.clevrer.files.questions import Question, SceneQuestions, write_questions
 from nsdr.evaluation.responses import score_responses
 from nsdr.generate.export import ExportConfig, export_dataset
+from nsdr.io.files import write_json
+from nsdr.io.worlds import stored_world
 
 PACK = Path(__file__).parents[1] / "integrations" / "lmms_eval"
 METRICS = re.compile(r"metric: (\w+), aggregation: !function utils\.(\w+)")
@@ -51,6 +53,28 @@ def test_functions_of_the_task_exist(utils: ModuleType) -> None:
     named = set(re.findall(r"!function utils\.(\w+)", (PACK / "clevrer.yaml").read_text()))
     assert {"DATA_FILES", "process_docs", "process_results"} < named
     assert all(hasattr(utils, name) for name in named)
+
+
+def test_answers_are_read_in_the_words_of_their_world(utils: ModuleType, tmp_path: Path) -> None:
+    blocks = read_world("blocks")
+    data, rows = tmp_path / "data", tmp_path / "rows"
+    question = Question(0, "What shape is the pink object?", "descriptive", "query_shape", None, "brick")
+    manifest = {
+        "splits": {"train": [0, 1], "validation": [10000, 10000], "test": [15000, 15000]},
+        "kinds": ["questions"],
+    }
+    write_json(data / "manifest.json", {**manifest, "n_frames": 100, **stored_world(blocks)})
+    write_questions(data / "questions/train.json", [SceneQuestions(0, "video_00000.mp4", (question,))])
+    video = data / "videos/train/video_00000-01000/video_00000.mp4"
+    video.parent.mkdir(parents=True)
+    shutil.copyfile(VIDEO, video)
+    export_dataset(ExportConfig(str(data), str(rows), "lmms_eval"))
+    (doc,) = utils.rows(str(rows / "train.jsonl"))
+    right, wrong = (utils.process_results(doc, [text])["descriptive"]["right"] for text in ("A brick.", "A ball."))
+    assert (right, wrong) == (1, 0)
+    (rows / "world.json").unlink()
+    with pytest.raises(DataError, match="brick</answer> is no answer in the world clevrer; export again"):
+        utils.rows(str(rows / "train.jsonl"))
 
 
 def test_the_task_gives_the_numbers_of_nsdr_score(

@@ -35,6 +35,7 @@ from nsdr.clevrer.files.questions import PLAIN, Question, SceneQuestions, write_
 from nsdr.cli.main import main
 from nsdr.errors import DataError
 from nsdr.evaluation import EvaluationConfig, run_evaluation
+from nsdr.evaluation.baselines import evaluate_baseline
 from nsdr.evaluation.responses import score_responses
 from nsdr.generate.dataset import DatasetConfig, generate_dataset
 from nsdr.generate.export.formats import FORMATS, Sample
@@ -228,7 +229,13 @@ def test_prompts_have_examples_in_the_words_and_are_passed_over_in_responses() -
     assert text.endswith("such as <answer>amber</answer>.")
     assert "<answer>amber ceramic loaf</answer>" in prompt(Question(0, "?", "descriptive", "faster"), world)
     assert read_response(text, world=world).answer is None
-    (asked, _) = FORMATS["chat"].row(Sample(said, "train", 0, "video.mp4", world=world))["messages"]
+    sample = Sample(said, "train", 0, "video.mp4", world=world)
+    assert (
+        FORMATS["verl"].row(sample)["data_source"]
+        == FORMATS["video_r1"].row(sample)["data_source"]
+        == world.name.lower()
+    )
+    (asked, _) = FORMATS["chat"].row(sample)["messages"]
     assert asked["content"][1]["text"] == text
     assert "red" not in text
 
@@ -362,6 +369,12 @@ def test_data_sets_are_evaluated_in_their_words(root: Path) -> None:
     report = run_evaluation(EvaluationConfig(**files, source="truth", types=("descriptive", "explanatory")))
     assert report["explanatory"]["per_question"] == 1
     assert all(row["accuracy"] == 1 for name, row in report["descriptive"]["subtypes"].items() if name in SUBTYPES)
+
+
+def test_a_baseline_that_learnt_other_words_is_refused_once(root: Path) -> None:
+    config = EvaluationConfig(root=str(root), split="train")
+    with pytest.raises(DataError, match=r"in the words of the world discs, such as white wood disc, and .* such as red metal"):
+        evaluate_baseline("baselines/truth/mac", "", config, (), "cpu")
 
 
 @pytest.mark.parametrize("source", ["videos", "proposals", "tracks"])

@@ -14,6 +14,7 @@ from nsdr.clevrer import read_response, write_responses
 from nsdr.clevrer.answers.prompts import option_letters
 from nsdr.errors import DataError
 from nsdr.io.reading import parse_json_lines, read_json_bytes
+from nsdr.io.worlds import WORLD_FILE
 
 DATA_FILES = {"test": str(Path(__file__).with_name("rows.jsonl"))}
 """A row that says where the rows are. lmms-eval loads it, and imports every task pack of a folder, before `process_docs` reads
@@ -31,21 +32,27 @@ def process_docs(_: Any) -> Any:
 
 
 def rows(path: str) -> list[dict[str, Any]]:
-    """The rows of an export, with the paths of the videos from here.
+    """The rows of an export, with the paths of the videos from here, and with the file or name of their world.
 
     Raises:
-        DataError: the file is no such export, a video is missing, or a question has no answer.
+        DataError: the file is no such export, a video is missing, or a question has no answer or one of another world.
     """
-    found = []
+    found, beside = [], Path(path).with_name(WORLD_FILE)
+    world = str(beside.resolve()) if beside.is_file() else "clevrer"
     for number, row in parse_json_lines(read_json_bytes(path), path):
         if not isinstance(row, dict) or "target" not in row:
             raise DataError(f"{path}, line {number}: expected a row of `nsdr export --format lmms_eval`")
         if row["target"] is None:
             raise DataError(f"{path}, line {number}: has no answer; export a split with answers")
+        if read_response(row["target"], row["options"], world).answer is None:
+            raise DataError(
+                f"{path}, line {number}: {row['target']} is no answer in the world {world}; export again, which "
+                f"writes {beside} for other worlds than CLEVRER's"
+            )
         video = (Path(path).parent / row["video"]).resolve()
         if not video.exists():
             raise DataError(f"{path}, line {number}: {video} is missing; export with the videos")
-        found.append({**row, "video": str(video)})
+        found.append({**row, "video": str(video), "world": world})
     return found
 
 
@@ -67,7 +74,7 @@ def doc_to_target(doc: Mapping[str, Any]) -> str:
 def process_results(doc: Mapping[str, Any], results: Sequence[str]) -> dict[str, dict[str, Any]]:
     """The metrics of one response; what cannot be read counts as wrong in the question and in each of its options."""
     options = doc["options"]
-    response, expected = (read_response(text, options) for text in (results[0], doc["target"]))
+    response, expected = (read_response(text, options, doc["world"]) for text in (results[0], doc["target"]))
     about = {"scene_index": doc["scene_index"], "question_id": doc["question_id"]}
     unread = {"unread": {**about, "response": results[0], "problem": response.problem}}
     if not options:

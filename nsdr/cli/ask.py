@@ -120,9 +120,8 @@ def _baseline_asker(options: Any) -> Callable[[str], Answer]:
     else:
         check = check_video(options.video, VideoConfig("warn" if options.force else "refuse", options.background))
         unusual = (*check.refused, *check.warned)
-    parser = (
-        load_parser(options.question_parser or GRAMMAR, options.checkpoint, device=options.device) if reads else None
-    )
+    name, words = options.question_parser or GRAMMAR, baseline.vocabulary.objects
+    parser = load_parser(name, options.checkpoint, device=options.device, vocabulary=words) if reads else None
 
     def ask(question: str) -> Answer:
         found = baseline.answer(options.video, question, options.choice or None, parser)

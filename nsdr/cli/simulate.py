@@ -40,9 +40,8 @@ WORDS = 3
 def simulate_options(parser: Any) -> None:
     add = parser.add_argument
     add("video", help=VIDEO)
-    add(
-        "--remove", action="append", default=[], metavar="OBJECT", help="words such as 'red cube', or an id; repeatable"
-    )
+    words = "words of the video's world, such as CLEVRER's 'red cube', or an id; repeatable"
+    add("--remove", action="append", default=[], metavar="OBJECT", help=words)
     add("--mass", action="append", default=[], metavar="OBJECT=FACTOR", help="'blue sphere=2': twice as heavy")
     velocity = (
         "'red cube=1.5,0': velocity towards the camera and to the right (world units/s); 'red cube=x2': twice as fast"
@@ -57,9 +56,7 @@ def simulate_options(parser: Any) -> None:
     add(
         "--from-frame", type=NonNegativeInt, default=0, help="frame of the video at which all this happens (default: 0)"
     )
-    frames = (
-        "number of frames to simulate from the video's start on (default: 7/5 of the video's; 180 for one of CLEVRER's)"
-    )
+    frames = "number of frames to simulate from the video's start on (default: the world's; 180 for a video of CLEVRER)"
     add("--frames", type=PositiveInt, default=None, help=frames)
     output = (
         "file to write, repeatable: .mp4 with the original and the changed world side by side, or .json as of --json"

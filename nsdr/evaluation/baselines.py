@@ -43,11 +43,19 @@ def evaluate_baseline(
         The report, and what is known of the training.
 
     Raises:
-        DataError: unreadable questions or features, or settings that have no effect.
+        DataError: unreadable questions or features, questions in other words than the baseline's, or settings that have no
+            effect.
         CheckpointError: missing or damaged weights.
     """
     folder = find_checkpoint(trained)
     baseline = TrainedBaseline.from_pretrained(folder, device)
+    theirs, ours = config.world.vocabulary, baseline.vocabulary.objects
+    if theirs.words != ours.words:
+        example = f"{theirs.example}, and {trained} learnt those of another, such as {ours.example}"
+        raise DataError(
+            f"{config.root or config.questions}: is in the words of the world {config.world.name}, such as {example}; give a "
+            "baseline that was trained on questions of this world"
+        )
     needs = baseline.network.needs
     unused = sorted(set(PROGRAMS) & set(own))
     if unused and "program" not in needs:

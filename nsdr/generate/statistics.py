@@ -107,10 +107,9 @@ def count_questions(scenes: Iterable[SceneQuestions]) -> Counts:
 
 def write_statistics(folder: str | Path, counts: Counts, title: str, world: World) -> None:
     """Write `statistics.md`: `count_scenes` of a data set, in CLEVRER's world beside that of the release."""
-    released, of_release = (
-        ({}, "") if world != CLEVRER_WORLD else (released_statistics(), " and of the release (12,228 videos)")
-    )
-    lines = [f"# {title}", "", f"Shares in percent, of this data set{of_release}.", ""]
+    released = released_statistics() if world == CLEVRER_WORLD else {}
+    of_release = " / the release (12,228 videos)" if released else ""
+    lines = [f"# {title}", "", f"Shares in percent, this data set{of_release}.", ""]
     for name in (name for name in TITLES if name in counts):
         lines += _table(TITLES[name].capitalize(), counts[name], released.get(name, {}))
     write_file(Path(folder) / "statistics.md", "\n".join(lines) + "\n")

@@ -109,7 +109,7 @@ def formatted_help(parser: Any, needed: Sequence[str], groups: Mapping[str, Sequ
         **{title: [a for a in shown if a.option_strings and a.dest in names] for title, names in groups.items()},
     }
     usage = [_value(a) for a in rows["arguments"]]
-    usage += [_invocation(a).split(", ")[-1] for a in shown if a.option_strings and a.dest in needed]
+    usage += [_invocation(a, names=1) for a in shown if a.option_strings and a.dest in needed]
     lines = [
         f"usage: {' '.join([parser.prog, *usage, '[options]'])}",
         "",
@@ -157,11 +157,13 @@ def _default(action: argparse.Action) -> str | None:
     return " ".join(map(str, value)) if action.nargs == "+" else as_typed(value)
 
 
-def _invocation(action: argparse.Action) -> str:
+def _invocation(action: argparse.Action, names: int = 0) -> str:
+    """An option's last `names` names (0 for all) and its value. Those like `--scenes+`, by which lists grow, are left out."""
     value = _value(action)
     if not action.option_strings:
         return value
-    return ", ".join(map(_dashed, action.option_strings)) + (f" {value}" if value else "")
+    listed = [name for name in action.option_strings if not name.endswith("+")][-names:]
+    return ", ".join(map(_dashed, listed)) + (f" {value}" if value else "")
 
 
 def _value(action: argparse.Action) -> str:

@@ -22,7 +22,7 @@ from nsdr.question_parser.tokenizer import split_words
 from nsdr.symbolic.program import Program, ProgramSource, program_tokens
 from nsdr.world.vocabulary import CLEVRER, Vocabulary
 
-REMEDY = "word it like a CLEVRER question or option"
+REMEDY = "word it like a question or option of the data set"
 PUNCTUATION = frozenset("'\u2018\u2019\",.;:?!-()/&\u2013\u2014\u201c\u201d\u2026")
 """Characters of a text beside letters, digits and spaces."""
 MAX_UNUSED = 4

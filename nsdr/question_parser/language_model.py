@@ -221,9 +221,9 @@ def _first_program(reply: str, text: str, model: str, vocabulary: Vocabulary) ->
         why = f" ({error})" if error else ""
         raise QuestionError(
             f"{text!r}: the reply of {model!r:.80} holds no program{why}: {reply.strip()!r:.{QUOTED_CHARACTERS}}; word the "
-            "text like a CLEVRER question, or use another model"
+            "text like a question of the data set, or use another model"
         )
-    raise QuestionError(f"{text!r} fits no program, says {model!r:.80}; word it like a CLEVRER question")
+    raise QuestionError(f"{text!r} fits no program, says {model!r:.80}; word it like a question of the data set")
 
 
 def _candidates(reply: str, vocabulary: Vocabulary) -> Iterator[str]:

@@ -71,8 +71,11 @@ class Format:
 
 VIDEO = "<video>"
 """What stands for the video in the prompts of frameworks that take it in a column."""
-SOURCE = "clevrer"
-"""The name of the data in `data_source`, by which verl and Video-R1 tell data sets apart."""
+
+
+def _source(sample: Sample) -> str:
+    """The name of the world in small letters, such as "clevrer", by which verl and Video-R1 tell data sets apart."""
+    return sample.world.name.lower()
 
 
 def _request(sample: Sample) -> list[dict[str, Any]]:
@@ -179,7 +182,7 @@ FORMATS = {
     "verl": Format(
         "verl: prompts, videos, ground truth and extra_info, in parquet files",
         {
-            "data_source": lambda _: SOURCE,
+            "data_source": _source,
             "prompt": lambda s: _said("user", _with_video(s)),
             "videos": lambda s: [{"video": s.video}],
             "ability": attrgetter("question.type"),
@@ -213,7 +216,7 @@ FORMATS = {
             "process": lambda s: s.reasoning or "",
             "solution": _solution,
             "path": attrgetter("video"),
-            "data_source": lambda _: SOURCE,
+            "data_source": _source,
         },
     ),
     "chat": Format(

@@ -23,6 +23,7 @@ from nsdr.io.files import atomic_path, check_output_folder, json_text, locked, r
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.reading import read_json
 from nsdr.io.video import even_frames, spaced
+from nsdr.io.worlds import store_world
 from nsdr.validation import Count, Settings, convert, one_of
 from nsdr.world.world import World
 
@@ -140,6 +141,7 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
         if config.format == PAIRS:
             return write_pairs(data, questions, folder)
         form = FORMATS[config.format]
+        store_world(folder, data.world)
         for split, listed in items.items():
             path = folder / f"{split}{form.suffix}"
             if not path.exists():
