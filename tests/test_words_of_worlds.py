@@ -373,7 +373,9 @@ def test_data_sets_are_evaluated_in_their_words(root: Path) -> None:
 
 def test_a_baseline_that_learnt_other_words_is_refused_once(root: Path) -> None:
     config = EvaluationConfig(root=str(root), split="train")
-    with pytest.raises(DataError, match=r"in the words of the world discs, such as white wood disc, and .* such as red metal"):
+    with pytest.raises(
+        DataError, match=r"in the words of the world discs, such as white wood disc, and .* such as red metal"
+    ):
         evaluate_baseline("baselines/truth/mac", "", config, (), "cpu")
 
 
