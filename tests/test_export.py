@@ -43,9 +43,14 @@ from nsdr.generate.export.pairs import _changed
 from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.files import write_json
+from nsdr.io.reading import read_json
 from nsdr.io.video import even_frames, write_video
+from nsdr.io.worlds import stored_world
 from nsdr.rewards import evidence
 from nsdr.symbolic import Executor
+from nsdr.world.camera import Camera
+from nsdr.world.physics import Timeline
+from nsdr.world.world import World
 
 PAGE = Path(__file__).parent.parent / "docs" / "export.md"
 OPEN = Question(0, "What color is it?", "descriptive", "query_color", ("objects", "unique"), "red")
@@ -193,6 +198,22 @@ def test_frames_have_the_number_and_the_width_that_are_asked_for(root, tmp_path,
     assert not (out / "videos").exists()
     export(root, tmp_path / "no", "--format", "chat", "--frames", "3", status=2)
     assert "format chat takes videos, no frames; leave out --frames, or choose trl" in capsys.readouterr().err
+
+
+def test_frames_are_those_of_the_data_sets_world(root, tmp_path, capsys) -> None:
+    world = World("wide", timeline=Timeline(20, 20), camera=Camera(width=640, height=360))
+    write_json(root / "manifest.json", read_json(root / "manifest.json") | stored_world(world))
+    for split, indices in CONFIG.indices().items():
+        for index in indices:
+            shades = (np.full((360, 640, 3), 60 + 7 * frame, np.uint8) for frame in range(20))
+            write_video(Files(root, split, index).video, shades, 20, preset="ultrafast")
+    trl = ("--format", "trl", "--frames", "3", "--videos", "none", "--frame-width")
+    first = rows(export(root, tmp_path / "out", *trl, "640") / "train.jsonl")[0]
+    images = [cv2.imread(str(tmp_path / "out" / path)) for path in first["images"]]
+    assert [image.shape for image in images] == [(360, 640, 3)] * 3
+    assert [image.mean() for image in images] == pytest.approx([60, 130, 193], abs=2)  # frames 0, 10 and 19
+    export(root, tmp_path / "no", *trl, "642", status=2)
+    assert "frame_width 642: expected 640 or less" in capsys.readouterr().err
 
 
 def test_chat_rows_end_with_the_answer(root, tmp_path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -32,7 +33,8 @@ from nsdr.question_parser.grammar import GrammarParser
 from nsdr.tracking.tracker import TrackerConfig
 from nsdr.types import Add, Judgement, Remove, SetVelocity, VideoProposals
 from nsdr.visualize.html_parts import jpeg
-from nsdr.world.world import CLEVRER_WORLD
+from nsdr.world.camera import Camera
+from nsdr.world.world import CLEVRER_WORLD, World
 
 
 class FakePipeline:
@@ -219,6 +221,14 @@ def test_a_refused_first_clip_leaves_the_page_open(small_scene: Scene, tmp_path:
     assert place == "refused"
     assert "&lt;i&gt;.mp4: is a text file; expected a video" in said
     assert page._thumbnail(tmp_path / "<i>.mp4") is None
+
+
+def test_pictures_of_clips_have_the_size_of_the_worlds_images(small_scene: Scene, tmp_path: Path) -> None:
+    world = World("wide", camera=Camera(width=640, height=360))
+    pipeline: Any = FakePipeline(replace(small_scene, world=world))
+    write_video(tmp_path / "clip.mp4", [np.full((360, 640, 3), 90, np.uint8)] * 10, preset="veryfast")
+    picture = page_of(Clips(pipeline, 5), tmp_path)._thumbnail(tmp_path / "clip.mp4")
+    assert cv2.imread(picture).shape == (360, 640, 3)
 
 
 def test_a_refusal_replaces_the_answer_and_brings_the_nearest_questions(small_scene: Scene, tmp_path: Path) -> None:

@@ -177,12 +177,12 @@ class _Page:
             )
 
     def _what_if_tab(self) -> None:
-        gr = self.gr
+        gr, last = self.gr, self.clips.pipeline.world.timeline.frames - 1
         with gr.Row():
             self.change = gr.Dropdown(list(menus.KINDS), label="Change", elem_id="change")
             self.object = gr.Dropdown([], label="Object", elem_id="object")
         self.sliders = [gr.Slider(visible=False, elem_id=f"slider-{i}") for i in range(menus.MAX_SLIDERS)]
-        self.from_frame = gr.Slider(0, 127, 0, step=1, label="From frame", elem_id="from-frame")
+        self.from_frame = gr.Slider(0, last, 0, step=1, label="From frame", elem_id="from-frame")
         self.simulate = gr.Button("Simulate", variant="primary", elem_id="simulate")
         self.difference = gr.HTML(elem_id="difference")
         self.compared = gr.Video(
@@ -263,7 +263,7 @@ class _Page:
         """A picture of a clip; None for a file that cannot be read, which is refused when it is picked."""
         picture = self.folder / f"{secrets.token_hex(16)}.jpg"
         with suppress(NsdrError):
-            write_image(picture, next(read_frames(path, note=unsaid)))
+            write_image(picture, next(read_frames(path, note=unsaid, world=self.clips.pipeline.world)))
             return str(picture)
         return None
 

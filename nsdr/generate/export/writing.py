@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import cv2
-from msgspec import Meta
 from tqdm import tqdm
 
 from nsdr.clevrer.answers.prompts import option_letters
@@ -24,7 +23,7 @@ from nsdr.io.fingerprint import fingerprint
 from nsdr.io.reading import read_json
 from nsdr.io.video import even_frames, spaced
 from nsdr.io.worlds import store_world
-from nsdr.validation import Count, Settings, convert, one_of
+from nsdr.validation import Count, PositiveCount, Settings, convert, one_of
 from nsdr.world.world import World
 
 MANIFEST = "export.json"
@@ -48,7 +47,7 @@ class ExportConfig(Settings):
         questions: question file in place of the split's own, such as `truth/questions_test.json`; needs one split.
         videos: "copy" copies the videos into the output, "none" only writes their paths.
         frames: number of frames that stand for a video, for formats with images; 0 for the format's own number.
-        frame_width: their width (pixels); the height follows from the video's shape.
+        frame_width: their width (pixels), at most that of the world's images; the height follows from the video's shape.
         prefix: written before each path, such as the output's folder as training sees it.
         limit: first n videos of each split; 0 for all.
         reasoning: "short" or "long" for checkable sentences that lead to each answer, from the true scenes; "" for none.
@@ -62,7 +61,7 @@ class ExportConfig(Settings):
     questions: str = ""
     videos: Literal["copy", "none"] = "copy"
     frames: Count = 0
-    frame_width: Annotated[int, Meta(ge=1, le=480)] = 240
+    frame_width: PositiveCount = 240
     prefix: str = ""
     limit: Count = 0
     reasoning: Literal["", "short", "long"] = ""
@@ -132,6 +131,8 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
     """
     check_output_folder(config.output)
     data, folder = CLEVRER(config.root), Path(config.output)
+    if config.frame_width > (most := data.world.camera.width):
+        raise DataError(f"frame_width {config.frame_width}: expected {most} or less, as wide as the world's images are")
     files = _question_files(config, data)
     items = {split: _items(config, data, split, file) for split, file in files.items()}
     seed = _first_seed(data)
@@ -229,7 +230,7 @@ def _samples(
             copy_once(item.video, folder / video.relative_to(root))
             if scene is not None:
                 copy_once(scene, folder / scene.relative_to(root))
-        images = _write_frames(config, split, item) if config.n_frames else []
+        images = _write_frames(config, split, item, world) if config.n_frames else []
         tell = _tell(item.scene, index, config.reasoning) if item.scene is not None and config.reasoning else None
         for question in item.questions.questions:
             yield Sample(
@@ -245,13 +246,13 @@ def _samples(
             )
 
 
-def _write_frames(config: ExportConfig, split: str, item: _Item) -> list[str]:
+def _write_frames(config: ExportConfig, split: str, item: _Item, world: World) -> list[str]:
     """Write the frames that stand for a video, unless they are there; returns their paths in the export, in order."""
     folder = Path("frames", split, f"video_{item.questions.scene_index:05d}")
     names = [(folder / f"{i:03d}.jpg").as_posix() for i in range(config.n_frames)]
     paths = [Path(config.output, name) for name in names]
     if not all(path.exists() for path in paths):
-        frames = even_frames(item.video)
+        frames = even_frames(item.video, world)
         size = config.frame_width, round(config.frame_width * frames.shape[1] / frames.shape[2])
         for path, index in zip(paths, spaced(len(frames), config.n_frames), strict=True):
             image = cv2.resize(frames[index], size, interpolation=cv2.INTER_AREA)
