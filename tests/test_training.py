@@ -73,6 +73,13 @@ def test_the_papers_dynamics_trains_and_its_checkpoint_loads(tiny_motion, tmp_pa
         dynamics.main([*arguments, "--network", "big"])
 
 
+@pytest.mark.parametrize(("network", "most"), [("propnet", 127 // 2), ("propnet_patches", 127 // 5)])
+def test_rollouts_are_as_long_as_the_videos_at_most(tiny_motion, tmp_path, network, most) -> None:
+    arguments = ["--proposals", str(tiny_motion[0]), "--truth", str(tiny_motion[1]), "--run-dir", str(tmp_path / "run")]
+    with pytest.raises(DataError, match=f"rollout_steps: expected {most} or less, .* got {most + 1}"):
+        dynamics.main([*arguments, "--network", network, "--rollout-steps", str(most + 1)])
+
+
 def question_arguments(run: Path, *more: str) -> list[str]:
     small = ["--model.embedding", "8", "--model.hidden", "16", "--evaluation-texts", "5"]
     return ["--run-dir", str(run), *small, *LOOP, "--loop.save-every", "2", *more]

@@ -3,11 +3,10 @@
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
-from msgspec import Meta
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -24,7 +23,6 @@ from nsdr.io.checkpoint import start_from
 from nsdr.training.loop import LoopConfig, LossTerm, Task, held_out
 from nsdr.types import Event
 from nsdr.validation import Count, NotNegative, PositiveCount, Settings, expect
-from nsdr.world.world import CLEVRER_WORLD
 
 HELD_OUT_EVERY = 40
 """Scenes whose index is divisible by this number are kept out of training, for evaluation: the index alone decides, so that no
@@ -70,7 +68,7 @@ class DynamicsTraining(Settings):
     mean_with_initial: bool = False
     limit: Count = 0
     data: str = ""
-    rollout_steps: Annotated[int, Meta(ge=1, le=CLEVRER_WORLD.timeline.frames)] = 5
+    rollout_steps: PositiveCount = 5
     noise_world: NotNegative = 0.003
     evaluation_scenes: PositiveCount = 100
     network: Literal["propnet", "propnet_patches", "propnet_images"] = "propnet"
@@ -106,6 +104,9 @@ class TrackTask(Task):
         self.config = config
         data = self.read()
         self.world = data.world
+        stride = (config.model if config.network == "propnet" else config.patches).stride_frames
+        most = f"{data.last_frame // stride} or less, steps of {stride} frames in videos of {data.last_frame + 1}"
+        expect(config.rollout_steps * stride <= data.last_frame, "rollout_steps", most, config.rollout_steps)
         torch.manual_seed(config.loop.seed)
         self.model = self.network()
         if config.initial:
