@@ -328,8 +328,8 @@ def _scene_values(world: World) -> dict[str, Any]:
 def _clevrer_physics() -> dict[str, float]:
     """What manifests say about the physics of CLEVRER's world. In others, each shape and material has friction of its own."""
     words = CLEVRER_WORLD.vocabulary
-    cube, sphere, _ = words.shapes
-    frictions = {"friction": cube.friction, "sphere_friction": sphere.friction}
+    box, sphere, _ = words.shapes
+    frictions = {"friction": box.friction, "sphere_friction": sphere.friction}
     return {"gravity": CLEVRER_WORLD.physics.gravity, **frictions, "restitution": words.materials[0].restitution}
 
 

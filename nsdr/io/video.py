@@ -257,14 +257,18 @@ def even_frames(path: str | Path, world: World = CLEVRER_WORLD) -> NDArray[np.ui
 
 
 def write_video(
-    path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: int | Fraction = 25, crf: int = 20, preset: str = "slow"
+    path: str | Path,
+    frames: Iterable[NDArray[np.uint8]],
+    fps: int | Fraction = CLEVRER_WORLD.timeline.fps,
+    crf: int = 20,
+    preset: str = "slow",
 ) -> None:
     """Write frames (H, W, 3) uint8 RGB as an H.264 mp4, atomically.
 
     Args:
         path: file to write.
         frames: the frames.
-        fps: frame rate (1/s).
+        fps: frame rate (1/s); CLEVRER's by default.
         crf: constant rate factor; lower is better quality.
         preset: x264's trade of time for size. "veryfast" takes a quarter of the time of "slow" on previews, with files of the
             same size and 0.2 to 0.3 dB less.

@@ -21,8 +21,6 @@ from nsdr.validation import FloatArray
 
 CELL_COLUMNS, CELL_ROWS = 48, 32
 """Number of cells that images are compared in."""
-WIDTH_PX, HEIGHT_PX = 480, 320
-"""Size to which images are scaled where details are compared: that of CLEVRER's (pixels)."""
 KEPT = 0.6
 """Share of the cells, those that fit best, that are taken as ground. Objects cover at most 30 % of CLEVRER's images."""
 ROUNDS = 15

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from nsdr.frame_parser.check.ground import (
     CELL_COLUMNS,
     CELL_ROWS,
-    HEIGHT_PX,
-    WIDTH_PX,
     FloatArray,
     GroundFit,
     cells,
@@ -20,6 +18,7 @@ from nsdr.frame_parser.check.ground import (
     fit_cells,
 )
 from nsdr.frame_parser.check.shots import change, small_gray
+from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
 
 
 class Reason(NamedTuple):

@@ -19,6 +19,7 @@ from nsdr.tracking.visibility import in_image
 from nsdr.types import SceneObject
 from nsdr.validation import FloatArray
 from nsdr.world.layout import START_SPACING
+from nsdr.world.shapes import RADIUS_WORLD
 from nsdr.world.world import CLEVRER_WORLD, World
 
 STATIC_FRACTION = (0.0, 0.6, 0.35, 0.35)
@@ -41,10 +42,10 @@ which an object gets from its start to the origin."""
 FIRST_HEADING_DEGREES, HEADING_DEGREES = 28.0, 15.0
 """Max angle between an object's heading and the direction to the origin: for the first object, and for later ones that start as
 far out."""
-WIDTH_WORLD, SPEED_WORLD_PER_S = 0.4, 3.0
-"""Width of CLEVRER's objects, and its fastest start speed. In other worlds, the lengths below are in proportion to half the sum
-of the widths of two objects, and the speed to the fastest start speed."""
-TOUCHING_WORLD = 2.02 * 0.2
+WIDTH_WORLD = 2 * RADIUS_WORLD
+"""Width of CLEVRER's objects. In other worlds, the lengths below are in proportion to half the sum of the widths of two
+objects, and the speed to the fastest start speed."""
+TOUCHING_WORLD = 2.02 * RADIUS_WORLD
 """Distance between the centres at which a planned collision starts."""
 PATH_OFFSET_WORLD = 0.14
 """Standard deviation of the distance between an object at rest and the path of the object that hits it."""
@@ -186,7 +187,7 @@ class _Construction:
         self.layout, self.physics, self.camera = self.world.layout, self.world.physics, self.world.camera
         self.n_frames = self.world.timeline.frames
         self.simulated_frames = self.world.timeline.horizon_frame(self.n_frames)
-        self.speed_scale = usual.physics.start_speed_world_per_s[1] / SPEED_WORLD_PER_S
+        self.speed_scale = usual.scales.speed
         self.time_scale = _arrival_frames(usual) / _arrival_frames(CLEVRER_WORLD)
         probabilities = dict(self.layout.objects)
         numbers = sorted(probabilities)
