@@ -440,7 +440,7 @@ def test_claims_are_read_in_the_words_and_the_frame_rate_of_the_scene(root: Path
     )
 
 
-def test_baselines_learn_from_the_words_of_a_world(root: Path, tmp_path: Path) -> None:
+def test_baselines_learn_from_the_words_of_a_world(root: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "features"
     sizes = WordConfig(frames=4, grid=(4, 6), pooled_grid=(2, 3), max_objects=4)
     extract_features(WordExtraction(str(root), str(out), workers=1, features=sizes))
@@ -461,5 +461,9 @@ def test_baselines_learn_from_the_words_of_a_world(root: Path, tmp_path: Path) -
     assert again.vocabulary == task.trained.vocabulary
     assert again.vocabulary.objects == DISCS.vocabulary
     annotation = next((root / "annotations").rglob("annotation_*.json"))
+    asked = ["answer", str(annotation), "--system", str(tmp_path / "saved"), "--device", "cpu", "--json"]
+    capsys.readouterr()
+    assert main([*asked, listed[0].questions[0].text]) == 0
+    assert tuple(json.loads(capsys.readouterr().out)["program"]) == listed[0].questions[0].program
     with pytest.raises(DataError, match=r"words of the world discs .*; the features are of gray, red"):
         annotation_features(annotation, sizes)
