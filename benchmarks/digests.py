@@ -36,6 +36,7 @@ from nsdr.language.texts import TEXT_KINDS, draw_wording, in_words, read_paraphr
 from nsdr.language.words import replacements
 from nsdr.question_parser.language_model import examples
 from nsdr.world.vocabulary import CLEVRER
+from nsdr.world.world import CLEVRER_WORLD
 
 Stages = Iterator[tuple[str, Iterable[bytes]]]
 """Names of stages, each with what it gives."""
@@ -97,7 +98,10 @@ def language(_: Namespace) -> Stages:
     rng = random.Random(0)
     drawn = [draw(TEXT_KINDS[n % 3], rng) for n in range(TEXTS // 2) for draw in (sample, draw_wording)]
     yield "drawn texts", (json_text(row, "texts").encode() for row in drawn)
-    yield "written texts", (attempted(lambda program: in_words(program).encode(), tokens) for _, tokens in drawn)
+    yield (
+        "written texts",
+        (attempted(lambda program: in_words(program, CLEVRER).encode(), tokens) for _, tokens in drawn),
+    )
 
 
 def of_proposals(options: Namespace) -> Stages:
@@ -148,7 +152,7 @@ def generated(_: Namespace) -> Stages:
         generate_violations(ViolationsConfig(str(broken), 4, **common))
         yield "violations", contents(broken, "annotations/**/*.json")
     scene = simulate_scene(SEED, removals=False)
-    frame = render_preview(scene.objects, solids_at(scene, FRAME), view_of(RenderConfig(), scene.seed))
+    frame = render_preview(scene.objects, solids_at(scene, FRAME), view_of(RenderConfig(), scene.seed, CLEVRER_WORLD))
     yield "rendered frame", [frame.tobytes()]
 
 

@@ -288,7 +288,7 @@ def draw(path: Path) -> None:
         tracks = tracks_from_annotation(annotation_document(scene, 0, "", CLEVRER_CAMERA))
         names = [scene.objects[i].name for i in violation.objects]
         about = [t for t in tracks.tracks if t.object.name in names]
-        view = view_of(RenderConfig(), seed)
+        view = view_of(RenderConfig(), seed, CLEVRER_WORLD)
         images = [render_preview(scene.objects, solids_at(scene, f), view) for f in frames]
         boxes = [[t.box_xyxy_px[np.abs(t.frame_index - f).argmin()].tolist() for t in about] for f in frames]
         shown = [  # what vanishes is missed where it was seen last

@@ -111,7 +111,7 @@ def features_of(name: str, folder):
 def built(name: str, scenes, folder) -> tuple[TrainedBaseline, FeatureCache | None]:
     torch.manual_seed(0)
     kind, features = BASELINES[name], features_of(name, folder)
-    vocabulary = Vocabulary.from_questions(scenes)
+    vocabulary = Vocabulary.from_questions(scenes, CLEVRER)
     sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
     made = features.manifest["features"] if features else {}
     return TrainedBaseline(name, kind(config_of(kind.Config, SMALL[name]), sizes), vocabulary, made), features
@@ -127,7 +127,7 @@ def test_a_baseline_overfits_eight_questions(name: str, scenes, folder) -> None:
     two = scenes[:1] if name == "lstm" else scenes[:2]  # which sees no video, and cannot tell two apart
     baseline, features = built(name, two, folder)
     examples = examples_of(baseline, two)
-    batch = make_batch(examples, features, baseline.network.needs)
+    batch = make_batch(examples, features, baseline.network.needs, CLEVRER)
     answers = torch.tensor([e.answer for e in examples])
     is_choice = torch.tensor([e.is_choice for e in examples])
     optimizer = torch.optim.Adam(baseline.network.parameters(), 5e-3)
@@ -155,7 +155,7 @@ def test_before_training_the_scores_depend_on_text_and_video_together(name: str,
     kind, rng = BASELINES[name], torch.Generator().manual_seed(0)
     texts, videos, frames, objects, channels = 20, 6, 25, 5, 256
     torch.manual_seed(0)
-    network = kind(config.model_config(), Sizes(80, 21, channels, (4, 6))).eval()
+    network = kind(config.model_config(), Sizes(80, 21, channels, (4, 6), CLEVRER)).eval()
     programs = [
         [decoder_tokens(CLEVRER).index(w) for w in p.split()] for _, _, p in TEXTS for _ in range(texts // len(TEXTS))
     ]
@@ -222,7 +222,7 @@ def test_a_baseline_runs_where_its_weights_are(name: str, scenes, folder) -> Non
     with second_device() as device:
         moved = baseline.to(str(device))
         assert torch.allclose(moved.probabilities(examples, features), expected, atol=1e-4)
-        batch = send_to_device(make_batch(examples, features, baseline.network.needs), device)
+        batch = send_to_device(make_batch(examples, features, baseline.network.needs, CLEVRER), device)
         moved.network.train()
         moved.network(batch).logsumexp(1).sum().backward()
 
@@ -364,10 +364,10 @@ def test_a_damaged_description_is_named(scenes, folder, tmp_path) -> None:
 
 
 def test_places_that_no_video_of_a_batch_uses_are_left_out(scenes, folder) -> None:
-    vocabulary = Vocabulary.from_questions(scenes)
+    vocabulary = Vocabulary.from_questions(scenes, CLEVRER)
     examples = training_examples(scenes, vocabulary, {"objects"})
     features = FeatureCache(folder, {"objects"})
-    batch = make_batch([of_video[0] for of_video in examples], features, {"objects"})
+    batch = make_batch([of_video[0] for of_video in examples], features, {"objects"}, CLEVRER)
     assert batch.has_object is not None
     assert batch.objects is not None
     assert batch.has_object[:, :, -1].any()

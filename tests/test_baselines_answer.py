@@ -22,6 +22,7 @@ from nsdr.generate.physics.scene_config import SceneConfig
 from nsdr.generate.render.view import RenderConfig
 from nsdr.io.configuration import config_of
 from nsdr.io.video import read_frames, spaced
+from nsdr.world.vocabulary import CLEVRER
 
 from .test_baselines import SMALL
 
@@ -59,7 +60,8 @@ def data(tmp_path_factory) -> Path:
 def untrained(name: str, features: FeatureCache | None, folder: Path) -> TrainedBaseline:
     """A baseline of random weights, read from its checkpoint."""
     torch.manual_seed(0)
-    kind, vocabulary = BASELINES[name], Vocabulary.from_questions([SceneQuestions(0, "video_00000.mp4", (COUNT, NEXT))])
+    kind, asked = BASELINES[name], SceneQuestions(0, "video_00000.mp4", (COUNT, NEXT))
+    vocabulary = Vocabulary.from_questions([asked], CLEVRER)
     sizes = vocabulary.sizes(features.channels, features.grid) if features else vocabulary.sizes()
     made = features.manifest["features"] if features else {}
     TrainedBaseline(name, kind(config_of(kind.Config, SMALL[name]), sizes), vocabulary, made).save_pretrained(folder)

@@ -15,8 +15,9 @@ from nsdr.errors import DataError
 from nsdr.io.configuration import config_of
 from nsdr.io.reading import read_yaml
 from nsdr.training.loop import LoopConfig
+from nsdr.world.vocabulary import CLEVRER
 
-SIZES = Sizes(words=12, answers=5, channels=6, grid=(2, 3))
+SIZES = Sizes(words=12, answers=5, channels=6, grid=(2, 3), objects=CLEVRER)
 CONFIGS = {
     "mac": mac.MacConfig(embedding=8, width=16, steps=3, dropout=0.0),
     "mac_objects": mac.MacConfig(embedding=8, width=16, steps=3, dropout=0.0),

@@ -66,7 +66,7 @@ def network(name: str, **settings: Any) -> Modular:
     torch.manual_seed(0)
     kind = BASELINES[name]
     config = kind.Config(**{"width": 8, "frames": 4, "projection": 8, "hidden": 16, **settings})
-    built = kind(config, Sizes(10, ANSWERS, CHANNELS, GRID))
+    built = kind(config, Sizes(10, ANSWERS, CHANNELS, GRID, CLEVRER))
     assert isinstance(built, Modular)
     return built.eval()
 

@@ -4,6 +4,7 @@ import pytest
 
 from nsdr.language.texts import in_words
 from nsdr.question_parser.contents import content_readings
+from nsdr.world.vocabulary import CLEVRER
 
 
 @pytest.mark.parametrize(
@@ -44,7 +45,7 @@ from nsdr.question_parser.contents import content_readings
     ],
 )
 def test_questions_in_any_order(text: str, question: str) -> None:
-    assert [in_words(program) for program in content_readings(text, "descriptive")] == [question]
+    assert [in_words(program, CLEVRER) for program in content_readings(text, "descriptive", CLEVRER)] == [question]
 
 
 @pytest.mark.parametrize(
@@ -63,7 +64,7 @@ def test_questions_in_any_order(text: str, question: str) -> None:
     ],
 )
 def test_multiple_choice_in_any_order(text: str, question: str) -> None:
-    assert [in_words(program) for program in content_readings(text, "multiple_choice")] == [question]
+    assert [in_words(program, CLEVRER) for program in content_readings(text, "multiple_choice", CLEVRER)] == [question]
 
 
 @pytest.mark.parametrize(
@@ -94,4 +95,4 @@ def test_multiple_choice_in_any_order(text: str, question: str) -> None:
     ],
 )
 def test_other_contents_have_no_program(text: str, kind: str) -> None:
-    assert content_readings(text, kind) == []
+    assert content_readings(text, kind, CLEVRER) == []

@@ -22,6 +22,7 @@ from nsdr.io.configuration import parse_config
 from nsdr.io.files import write_json
 from nsdr.io.video import sample_frames, window_frames, write_video
 from nsdr.world.camera import CLEVRER_CAMERA, Camera
+from nsdr.world.world import CLEVRER_WORLD
 
 SUITES = sorted((Path(__file__).parent.parent / "configs" / "generate" / "suites").glob("*.yaml"))
 
@@ -114,15 +115,15 @@ def test_a_late_window_shows_what_the_whole_video_does(tmp_path, fps: int) -> No
     whole = sample_frames(tmp_path / "v.mp4", 60 / fps, 1).frames
     assert len(whole) == 60 * 25 / fps
     for start, stop in ((0, 3), (7, 8), (20, 28)):
-        np.testing.assert_array_equal(window_frames(tmp_path / "v.mp4", start, stop), whole[start:stop])
-    assert len(window_frames(tmp_path / "v.mp4", len(whole) - 2, len(whole) + 4)) == 2
+        np.testing.assert_array_equal(window_frames(tmp_path / "v.mp4", start, stop, CLEVRER_WORLD), whole[start:stop])
+    assert len(window_frames(tmp_path / "v.mp4", len(whole) - 2, len(whole) + 4, CLEVRER_WORLD)) == 2
 
 
 def test_a_late_window_of_a_folder_of_frames(tmp_path) -> None:
     frames = np.random.default_rng(0).integers(0, 255, (9, 80, 120, 3), np.uint8)
     for k, frame in enumerate(frames):
         cv2.imwrite(str(tmp_path / f"{k}.png"), frame[..., ::-1])
-    np.testing.assert_array_equal(window_frames(tmp_path, 4, 7), frames[4:7])
+    np.testing.assert_array_equal(window_frames(tmp_path, 4, 7, CLEVRER_WORLD), frames[4:7])
 
 
 def test_flow_follows_the_surface() -> None:

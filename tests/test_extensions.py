@@ -232,7 +232,7 @@ def test_physics_fits_its_scene(known: Scene) -> None:
     ],
 )
 def test_rules_read_other_wordings(text: str, program: str) -> None:
-    assert extension_readings(text, "descriptive") == [program.split()]
+    assert extension_readings(text, "descriptive", CLEVRER) == [program.split()]
 
 
 @pytest.mark.parametrize(
@@ -248,7 +248,7 @@ def test_rules_read_what_ifs(text: str, negated: str) -> None:
     program = (
         f"all_events objects blue filter_color sphere filter_shape unique twice_as_heavy get_changed belong_to{negated}"
     )
-    assert extension_readings(text, "multiple_choice") == [program.split()]
+    assert extension_readings(text, "multiple_choice", CLEVRER) == [program.split()]
 
 
 @pytest.mark.parametrize(
@@ -264,7 +264,7 @@ def test_rules_read_what_ifs(text: str, negated: str) -> None:
     ],
 )
 def test_what_no_module_says_has_no_reading(text: str) -> None:
-    assert extension_readings(text, "descriptive") == []
+    assert extension_readings(text, "descriptive", CLEVRER) == []
 
 
 class _Any:
@@ -279,8 +279,8 @@ class _Any:
 def test_rules_read_every_template(name: str) -> None:
     kind = "multiple_choice" if name == "changed" else "descriptive"
     for seed in range(3):
-        for text, program in clevrer().every(name.upper(), _Any(), random.Random(seed)):
-            assert extension_readings(text, kind) == [program], text
+        for text, program in clevrer(CLEVRER).every(name.upper(), _Any(), random.Random(seed)):
+            assert extension_readings(text, kind, CLEVRER) == [program], text
     assert Slot("N", ("red",)).text(CLEVRER) == "red object"
 
 
@@ -432,7 +432,7 @@ def test_generated_questions_agree_with_their_programs(truths) -> None:
             assert Executor(scene).answer(q.program).text == q.answer
             example = prompt(q).partition("<answer>")[2].partition("<")[0]
             assert len(example.split()) == len(q.answer.split()) or q.subtype == "direction"
-            assert extension_readings(q.text, "descriptive") == [list(q.program)]
+            assert extension_readings(q.text, "descriptive", CLEVRER) == [list(q.program)]
             *claims, answer = narrate(Executor(scene).answer(q.program), scene).splitlines()
             assert answer == f"<answer>{q.answer}</answer>"
             assert all(len(verify(claim, scene).claims) >= 1 for claim in claims)
@@ -503,7 +503,9 @@ def test_what_ifs_need_the_extension() -> None:
 )
 def test_directions_in_the_image_are_always_read(text: str) -> None:
     assert str(GrammarParser().parse(text)) == f"{RED} query_image_direction"
-    assert str(GrammarParser().parse(in_words(f"{RED} query_image_direction"))) == f"{RED} query_image_direction"
+    assert (
+        str(GrammarParser().parse(in_words(f"{RED} query_image_direction", CLEVRER))) == f"{RED} query_image_direction"
+    )
 
 
 def test_moving_in_the_video_is_not_entering_it() -> None:

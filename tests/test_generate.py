@@ -206,9 +206,10 @@ def test_a_configuration_without_scenes_raises(monkeypatch) -> None:
 def test_the_default_view_is_clevrers_camera() -> None:
     points = np.random.default_rng(0).uniform(-2, 2, (50, 3))
     np.testing.assert_allclose(Camera().pixels(points), CLEVRER_CAMERA.pixels(points), atol=1e-3)
-    assert view_of(RenderConfig(), 7) == View()
+    assert view_of(RenderConfig(), 7, CLEVRER_WORLD) == View()
     jittered = RenderConfig(camera_jitter=0.2, light_jitter=0.5)
-    assert view_of(jittered, 7) == view_of(jittered, 7) != view_of(jittered, 8)
+    of_seven, again, of_eight = (view_of(jittered, seed, CLEVRER_WORLD) for seed in (7, 7, 8))
+    assert of_seven == again != of_eight
     with pytest.raises(DataError, match="aspect ratio of the world's camera, 480x320, got 320x320"):
         DatasetConfig("set", render=RenderConfig(width=320, height=320))
 
@@ -314,7 +315,8 @@ def test_previews_are_reproducible_wherever_objects_are() -> None:
     shapes = ("cube", "sphere", "cylinder")
     objects = tuple(SceneObject(i, "blue", "metal", shape) for i, shape in enumerate(shapes))
     rng = np.random.default_rng(1)
-    for view in (View(), view_of(RenderConfig(width=240, height=160, camera_jitter=0.5, light_jitter=1.0), 3)):
+    config = RenderConfig(width=240, height=160, camera_jitter=0.5, light_jitter=1.0)
+    for view in (View(), view_of(config, 3, CLEVRER_WORLD)):
         for _ in range(20):
             places = rng.uniform((-9, -4, 0.2), (5, 4, 0.2), (3, 3))
             solids = [Solid(shape, p, rotation(p[0])) for shape, p in zip(shapes, places, strict=True)]

@@ -119,7 +119,7 @@ def random_inputs(scenes: int = 2, n: int = 3) -> tuple[torch.Tensor, ...]:
 
 
 def test_shapes_and_objects_that_do_not_exist() -> None:
-    model = ImagePropNet(SMALL).eval()
+    model = ImagePropNet(SMALL, CLEVRER_WORLD).eval()
     boxes, patches, static, exists = random_inputs()
     following, drawn, logits = model(boxes, patches, static, exists)
     assert (following.shape, drawn.shape, logits.shape) == ((2, 3, 4), (2, 3, 4, 24, 24), (2, 3, 3, 3))
@@ -130,11 +130,11 @@ def test_shapes_and_objects_that_do_not_exist() -> None:
     fewer = model(boxes[:, :2], patches[:, :2], static[:, :2], exists[:, :2])
     torch.testing.assert_close(model(boxes, patches, static, gone)[0][:, :2], fewer[0])
     with pytest.raises(DataError, match="patch_cells: expected a multiple of 8"):
-        ImagePropNet(replace(SMALL, patch_cells=20))
+        ImagePropNet(replace(SMALL, patch_cells=20), CLEVRER_WORLD)
 
 
 def test_the_order_of_objects_does_not_matter() -> None:
-    model = ImagePropNet(SMALL).eval()
+    model = ImagePropNet(SMALL, CLEVRER_WORLD).eval()
     boxes, patches, static, exists = random_inputs()
     order = torch.tensor([2, 0, 1])
     expected = model(boxes, patches, static, exists)
@@ -165,7 +165,7 @@ def test_a_sender_is_seen_where_it_lies_around_the_receiver() -> None:
     patches[:, :, :, 3, 12, 12] = 1.0
     centre = torch.zeros(1, 2, 3, 2)
     centre[:, 1] = torch.tensor([24 / 240, 12 / 160])
-    seen = ImagePropNet(SMALL)._around_receivers(centre, patches)[0].unflatten(2, (3, 4))
+    seen = ImagePropNet(SMALL, CLEVRER_WORLD)._around_receivers(centre, patches)[0].unflatten(2, (3, 4))
     assert seen[0, 1, 0, 3].argmax().item() == 15 * 24 + 18
     assert seen[1, 0, 0, 3].argmax().item() == 9 * 24 + 6
     torch.testing.assert_close(seen[0, 0], patches[0, 0])
@@ -177,13 +177,13 @@ def test_past_samples_of_a_pair_lie_as_they_lay_then() -> None:
     patches[:, :, :, 3, 12, 12] = 1.0
     centre = torch.zeros(1, 2, 3, 2)
     centre[:, 0, 0, 0] = -24 / 240
-    seen = ImagePropNet(SMALL)._around_receivers(centre, patches)[0].unflatten(2, (3, 4))
+    seen = ImagePropNet(SMALL, CLEVRER_WORLD)._around_receivers(centre, patches)[0].unflatten(2, (3, 4))
     assert [seen[0, 1, k, 3].argmax().item() for k in range(3)] == [12 * 24 + 18, 12 * 24 + 12, 12 * 24 + 12]
 
 
 def test_before_training_patches_and_sizes_stay() -> None:
     torch.manual_seed(0)
-    model = ImagePropNet(SMALL).eval()
+    model = ImagePropNet(SMALL, CLEVRER_WORLD).eval()
     boxes, patches, static, exists = random_inputs()
     following, drawn, _ = model(boxes, patches, static, exists)
     torch.testing.assert_close(drawn, patches[:, :, -1], atol=0.03, rtol=0)
@@ -229,7 +229,7 @@ def test_patches_are_kept_and_mirrored_with_the_boxes(root, tmp_path, monkeypatc
 def test_a_rollout_goes_on_without_images_after_the_video(root) -> None:
     video, proposals, tracks, _ = scene(root)
     torch.manual_seed(0)
-    predictor = ImagePropNetPredictor(ImagePropNet(SMALL))
+    predictor = ImagePropNetPredictor(ImagePropNet(SMALL, CLEVRER_WORLD))
     fed, drawn = [], []
     forward = predictor.model.forward
 
@@ -284,7 +284,7 @@ def test_training_writes_a_checkpoint_that_a_backend_reads(root, tmp_path) -> No
 
 def test_an_evaluation_gives_the_videos_of_proposals_to_a_backend_on_images(root, tmp_path) -> None:
     weights = tmp_path / "weights"
-    save_checkpoint(weights, "dynamics", ImagePropNet(SMALL).state_dict(), SMALL, {})
+    save_checkpoint(weights, "dynamics", ImagePropNet(SMALL, CLEVRER_WORLD).state_dict(), SMALL, {})
     (tmp_path / "images.yaml").write_text(f"backend: propnet_images\nweights: {weights}\n")
     program = ("objects", "cube", "filter_shape", "count")
     count = Question(0, "How many cubes are there?", "descriptive", "count", program, "1", ())

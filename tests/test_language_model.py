@@ -117,7 +117,7 @@ def test_the_examples_are_right() -> None:
     for kind, texts in examples(CLEVRER).items():
         assert NO_PROGRAM in texts.values()
         for text, program in texts.items():
-            assert readings(text, kind) == ([] if program == NO_PROGRAM else [program.split()])
+            assert readings(text, kind, CLEVRER) == ([] if program == NO_PROGRAM else [program.split()])
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from nsdr.dynamics.scene import events_of, scene_from_prediction
 from nsdr.language.texts import in_words
 from nsdr.question_parser.base import read_programs
 from nsdr.types import DynamicsPrediction, UncertainEvent
+from nsdr.world.vocabulary import CLEVRER
 
 PARSER = GrammarParser()
 COLLIDE, EXITS, ENTERS = "The red cube hits the blue ball", "The green tube leaves", "The green tube enters"
@@ -121,7 +122,7 @@ def test_what_no_program_says_is_refused(text: str) -> None:
     "program", ["events", "objects events describe", "objects red filter_color unique counterfact_events"]
 )
 def test_their_programs_in_words_are_read_as_themselves(program: str) -> None:
-    assert PARSER.parse(in_words(program)).tokens == tuple(program.split())
+    assert PARSER.parse(in_words(program, CLEVRER)).tokens == tuple(program.split())
 
 
 def test_lists_take_no_candidates() -> None:

@@ -68,7 +68,7 @@ def parser() -> Parser:
 def test_grammar_makes_well_typed_programs_of_known_length(kind: str) -> None:
     rng = random.Random(3)
     for _ in range(500):
-        text, tokens = sample(kind, rng)
+        text, tokens = sample(kind, rng, CLEVRER)
         program = Program.parse(tokens)
         assert program.needs_choice == (kind == "multiple_choice")
         assert len(tokens) <= 36
@@ -78,7 +78,7 @@ def test_grammar_makes_well_typed_programs_of_known_length(kind: str) -> None:
 @pytest.mark.parametrize("kind", TEXT_KINDS)
 def test_unseen_texts_are_parsed_exactly(any_parser: Parser, kind: str) -> None:
     rng = random.Random("predicted")
-    pairs = [sample(kind, rng) for _ in range(300)]
+    pairs = [sample(kind, rng, CLEVRER) for _ in range(300)]
     programs = any_parser.parse_batch([text for text, _ in pairs], kind)
     assert [list(p.tokens) for p in programs if isinstance(p, Program)] == [tokens for _, tokens in pairs]
 
@@ -134,7 +134,7 @@ def test_texts_of_another_kind_are_rejected(parser: Parser) -> None:
 def test_network_learns_a_tiny_batch() -> None:
     torch.manual_seed(0)
     rng = random.Random(0)
-    pairs = [sample("choice", rng) for _ in range(4)]
+    pairs = [sample("choice", rng, CLEVRER) for _ in range(4)]
     tokenizer = Tokenizer.from_texts(t for t, _ in pairs)
     index = {t: i for i, t in enumerate(TOKENS)}
     words = pad([tokenizer.encode(t) for t, _ in pairs])
@@ -183,7 +183,7 @@ def test_a_saved_parser_gives_the_same_programs(network: QuestionParser, tmp_pat
     again = QuestionParser.from_pretrained(tmp_path, device="cpu")
     assert load_checkpoint(tmp_path, "question_parser")[1]["metrics"] == {"exact": 1.0}
     for kind in TEXT_KINDS:
-        texts = [sample(kind, rng)[0] for _ in range(20)]
+        texts = [sample(kind, rng, CLEVRER)[0] for _ in range(20)]
         assert again.candidates(texts, kind) == network.candidates(texts, kind)
 
 
@@ -200,7 +200,7 @@ def test_a_parser_moves_to_a_device_or_says_why_not(network: QuestionParser, tmp
 
 
 def test_the_shipped_parser_knows_the_words_of_all_wordings(network: QuestionParser) -> None:
-    assert set(network.tokenizer.words) <= set(normal_words())
+    assert set(network.tokenizer.words) <= set(normal_words(CLEVRER))
 
 
 def test_misspelt_words_are_corrected_with_a_note(parser: Parser) -> None:
@@ -234,7 +234,7 @@ def test_untrained_networks_decode_well_typed_programs_only(kind: str) -> None:
     torch.manual_seed(1)
     config = QuestionParserConfig(embedding=16, hidden=16, max_tokens=200)
     rng = random.Random(1)
-    texts = [sample(kind, rng)[0] for _ in range(20)]
+    texts = [sample(kind, rng, CLEVRER)[0] for _ in range(20)]
     tokenizer = Tokenizer.from_texts(normal_form(text).text for text in texts)
     networks = build_networks(len(tokenizer), len(TOKENS), config)
     tokens = [t for t, _ in QuestionParser(tokenizer, networks).candidates(texts, kind)]
@@ -249,7 +249,7 @@ def test_the_constraint_permits_every_program_of_the_grammar(kind: str) -> None:
     index = {t: i for i, t in enumerate(TOKENS)}
     for _ in range(300):
         stack = first_stack(kind)
-        for step, token in enumerate([index[t] for t in sample(kind, rng)[1]]):
+        for step, token in enumerate([index[t] for t in sample(kind, rng, CLEVRER)[1]]):
             assert allowed(stack, kind, step == 0, CLEVRER)[token]
             stack = following(stack, token, CLEVRER)
         assert allowed(stack, kind, False, CLEVRER)[END]
@@ -262,7 +262,7 @@ def test_paraphrases_are_well_typed_and_not_in_the_grammar(network: QuestionPars
     for row in rows:
         assert Program.parse(row["program"]).needs_choice == (row["kind"] == "multiple_choice")
     rng = random.Random(4)
-    grammar = {sample(kind, rng)[0] for kind in TEXT_KINDS for _ in range(5000)}
+    grammar = {sample(kind, rng, CLEVRER)[0] for kind in TEXT_KINDS for _ in range(5000)}
     assert not grammar & {row["text"] for row in rows}
 
 

@@ -5,10 +5,11 @@ import pytest
 from nsdr import Executor, QuestionError, QuestionParser, Scene
 from nsdr.clevrer.files.questions import read_questions
 from nsdr.question_parser.grammar import GrammarParser, readings
+from nsdr.world.vocabulary import CLEVRER
 
 
 def reading(text: str) -> list[str]:
-    found = readings(text, "descriptive")
+    found = readings(text, "descriptive", CLEVRER)
     assert len(found) == 1
     return found[0]
 
@@ -49,7 +50,7 @@ def test_no_real_text_is_refused(shared) -> None:
                     texts[text_kind, text] = list(program)
     assert len(texts) > 3000
     for (kind, text), program in texts.items():
-        assert readings(text, kind) == [program]
+        assert readings(text, kind, CLEVRER) == [program]
     for kind in ("descriptive", "multiple_choice", "choice"):
         of_kind = {text: program for (k, text), program in texts.items() if k == kind}
         assert [list(p.tokens) for p in parser.parse_batch(list(of_kind), kind)] == list(of_kind.values())

@@ -367,9 +367,9 @@ def test_the_grammar_enumerates_every_meaning_once() -> None:
         def words(self, choose, use, without):
             return choose.pick([("red",), ("blue", "cube")])
 
-    texts = [text for text, _ in clevrer().every("PRESENCE", TwoWords(), random.Random(0))]
+    texts = [text for text, _ in clevrer(CLEVRER).every("PRESENCE", TwoWords(), random.Random(0))]
     assert texts == ["the presence of the red object", "the presence of the blue cube"]
-    programs = [tuple(p) for _, p in clevrer().every("COUNTERFACTUAL", TwoWords(), random.Random(0))]
+    programs = [tuple(p) for _, p in clevrer(CLEVRER).every("COUNTERFACTUAL", TwoWords(), random.Random(0))]
     assert len(programs) == len(set(programs)) == 4
     spheres = Slot("NS", ("metal", "sphere"))
     assert spheres.text(CLEVRER) == "metal spheres"

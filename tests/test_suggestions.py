@@ -1,6 +1,7 @@
 """The nearest well-formed questions to texts that were refused."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -9,6 +10,9 @@ from nsdr.errors import EndpointError
 from nsdr.pipeline import Pipeline
 from nsdr.question_parser.grammar import GrammarParser
 from nsdr.question_parser.suggestions import QUESTION_KINDS, intervention_hint, nearest_questions
+from nsdr.world.vocabulary import CLEVRER
+
+suggestions = partial(nearest_questions, vocabulary=CLEVRER)
 
 
 @pytest.fixture(scope="module")
@@ -27,10 +31,10 @@ def parser() -> GrammarParser:
     ],
 )  # fmt: skip
 def test_nearest_without_a_scene(text: str, kind: str, nearest: str) -> None:
-    found = nearest_questions(text, None, kind)
+    found = suggestions(text, None, kind)
     assert len(found) == len(set(found)) == 3
     assert any(nearest in candidate for candidate in found), found
-    assert found == nearest_questions(text, None, kind)
+    assert found == suggestions(text, None, kind)
 
 
 @pytest.mark.parametrize(
@@ -43,14 +47,14 @@ def test_nearest_without_a_scene(text: str, kind: str, nearest: str) -> None:
     ],
 )
 def test_the_nearest_questions_are_of_the_kind_that_fits_best(parser: GrammarParser, text, kind, nearest) -> None:
-    found = nearest_questions(text, None, *QUESTION_KINDS)[0]
+    found = suggestions(text, None, *QUESTION_KINDS)[0]
     assert parser.parse(found, kind)
     assert nearest in found
     assert ("without" in found.lower() or "removed" in found) == (" if " in text)
 
 
 def test_a_side_that_is_asked_for_may_be_the_other_one() -> None:
-    found = nearest_questions("After how many collisions does the blue sphere leave?", None, "descriptive")
+    found = suggestions("After how many collisions does the blue sphere leave?", None, "descriptive")
     for side in ("before", "after"):
         assert f"How many collisions happen {side} the blue sphere exits the scene?" in found
 
@@ -59,7 +63,7 @@ def test_a_side_that_is_asked_for_may_be_the_other_one() -> None:
 @pytest.mark.parametrize("text", ["Which yellow sphere is faster?", "the red cube hits the green one", "", "zork"])
 def test_suggestions_can_be_parsed_and_fit_the_scene(small_scene: Scene, parser: GrammarParser, text, kind) -> None:
     executor = Executor(small_scene)
-    found = nearest_questions(text, small_scene, kind)
+    found = suggestions(text, small_scene, kind)
     assert len(found) == 3
     for candidate in found:
         program = parser.parse(candidate, kind)
@@ -73,7 +77,7 @@ def test_suggestions_can_be_parsed_and_fit_the_scene(small_scene: Scene, parser:
 
 def test_an_empty_scene_has_no_suggestions_about_objects(small_scene: Scene) -> None:
     empty = Scene((), 128, small_scene.visible[:0], small_scene.visible[:0], ())
-    assert nearest_questions("How many zebras?", empty, "descriptive") == []
+    assert suggestions("How many zebras?", empty, "descriptive") == []
 
 
 def test_a_pipeline_names_the_nearest_questions(small_scene: Scene, parser: GrammarParser) -> None:
@@ -112,7 +116,7 @@ def test_an_error_of_the_parser_itself_is_not_taken_for_one_of_the_choice(small_
     ],
 )
 def test_questions_for_a_simulation_name_its_options(text: str, options: str) -> None:
-    assert intervention_hint(text) == (options and f"; nsdr simulate VIDEO {options} says what would happen")
+    assert intervention_hint(text, CLEVRER) == (options and f"; nsdr simulate VIDEO {options} says what would happen")
 
 
 def test_the_hint_stands_before_the_nearest_questions(small_scene: Scene, parser: GrammarParser) -> None:
@@ -122,12 +126,12 @@ def test_the_hint_stands_before_the_nearest_questions(small_scene: Scene, parser
 
 
 def test_open_questions_are_suggested_and_the_refused_text_is_not(small_scene: Scene) -> None:
-    assert nearest_questions("Briefly, what happens in this video?", small_scene, *QUESTION_KINDS)[0] == (
+    assert suggestions("Briefly, what happens in this video?", small_scene, *QUESTION_KINDS)[0] == (
         "What happens in this video?"
     )
     text = "how many cubes exit the scene"
-    assert nearest_questions("How many zebras exit the scene?", small_scene, "descriptive")[0].lower() == f"{text}?"
-    assert f"{text}?" not in [near.lower() for near in nearest_questions(text, small_scene, "descriptive")]
+    assert suggestions("How many zebras exit the scene?", small_scene, "descriptive")[0].lower() == f"{text}?"
+    assert f"{text}?" not in [near.lower() for near in suggestions(text, small_scene, "descriptive")]
 
 
 @pytest.mark.parametrize("text", ["What happends in this video?", "What hapens in this vidio?", "What hapens?"])
@@ -145,12 +149,12 @@ def test_a_question_with_candidates_may_be_a_descriptive_one(small_scene: Scene,
 
 @pytest.mark.parametrize("text", ["Can you say if the red cube is stacked?", "Which cube is gone?", "What is missing?"])
 def test_bare_conditions_are_no_removals(text: str) -> None:
-    found = nearest_questions(text, None, *QUESTION_KINDS)
+    found = suggestions(text, None, *QUESTION_KINDS)
     assert not all("without" in near.lower() or "removed" in near for near in found), found
 
 
 def test_removals_are_suggested_where_the_scene_knows_them(small_scene: Scene) -> None:
     text = "What happens if the red cube and the blue sphere are removed?"
-    known = nearest_questions(text, small_scene, *QUESTION_KINDS)
+    known = suggestions(text, small_scene, *QUESTION_KINDS)
     assert all("without" in near.lower() or "removed" in near for near in known), known
-    assert nearest_questions(text, replace(small_scene, counterfactual=None), *QUESTION_KINDS)
+    assert suggestions(text, replace(small_scene, counterfactual=None), *QUESTION_KINDS)

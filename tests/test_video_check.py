@@ -21,6 +21,7 @@ from nsdr.generate.render.preview import render_preview
 from nsdr.generate.render.view import View
 from nsdr.io.video import VideoSample, read_frames, read_video, write_video
 from nsdr.world.camera import Camera
+from nsdr.world.world import CLEVRER_WORLD
 
 KNOWN = list(references().values())
 
@@ -32,7 +33,7 @@ def clip() -> np.ndarray:
 
 def seen(frames, size: tuple[int, int] | None = None):
     frames = np.ascontiguousarray(frames)
-    return look(VideoSample(frames, size or (frames.shape[2], frames.shape[1])), KNOWN)
+    return look(VideoSample(frames, size or (frames.shape[2], frames.shape[1])), KNOWN, CLEVRER_WORLD)
 
 
 def resized(frames, width: int, height: int) -> np.ndarray:

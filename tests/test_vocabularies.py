@@ -61,7 +61,7 @@ def recast(text: str) -> str:
     """A text or program in the words of `ALIEN`, in lower case; misspelt words of CLEVRER's are spelt right."""
 
     def of_alien(word: str) -> str:
-        return RECAST.get(word if word in known_words() else corrected(word), word)
+        return RECAST.get(word if word in known_words(CLEVRER) else corrected(word, CLEVRER), word)
 
     return re.sub(r"[a-z]+", lambda word: of_alien(word[0]), text.lower())
 
@@ -165,7 +165,7 @@ def test_usual_words_are_free() -> None:
 
 
 def test_of_several_corrections_the_one_in_normal_form_is_taken_in_every_process() -> None:
-    assert [corrected(word) for word in ("begine", "objectf", "whih", "sphers")] == [
+    assert [corrected(word, CLEVRER) for word in ("begine", "objectf", "whih", "sphers")] == [
         "begin",
         "object",
         "which",

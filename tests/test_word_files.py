@@ -7,11 +7,12 @@ from nsdr.language.normal import normal_form
 from nsdr.language.texts import in_words
 from nsdr.language.words import read_replacements, read_word_lists, replacements, rewritten
 from nsdr.question_parser.contents import SYMBOLS, content_readings
+from nsdr.world.vocabulary import CLEVRER
 
 
 def said_by_contents(text: str) -> str:
-    (program,) = [program for kind in SYMBOLS for program in content_readings(text, kind)]
-    return in_words(program)
+    (program,) = [program for kind in SYMBOLS for program in content_readings(text, kind, CLEVRER)]
+    return in_words(program, CLEVRER)
 
 
 RESULTS = {

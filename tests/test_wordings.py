@@ -66,7 +66,7 @@ def test_drawn_texts_have_well_typed_programs_that_the_constraint_permits(kind: 
     rng = random.Random(kind)
     index = {t: i for i, t in enumerate(decoder_tokens(CLEVRER))}
     for _ in range(300):
-        _, tokens = draw_wording(kind, rng)
+        _, tokens = draw_wording(kind, rng, CLEVRER)
         assert Program.parse(tokens).needs_choice == (kind == "multiple_choice")
         stack = first_stack(kind)
         for step, token in enumerate([index[t] for t in tokens]):
@@ -79,20 +79,20 @@ def test_drawn_texts_have_well_typed_programs_that_the_constraint_permits(kind: 
 def test_texts_of_the_grammar_have_one_reading_and_programs_in_words_are_read_as_themselves(kind: str) -> None:
     rng = random.Random(kind)
     for _ in range(300):
-        text, tokens = sample(kind, rng)
-        assert readings(text, kind) == [tokens]
-        for program in (tokens, draw_wording(kind, rng)[1]):
-            assert readings(in_words(program), kind) == [program]
+        text, tokens = sample(kind, rng, CLEVRER)
+        assert readings(text, kind, CLEVRER) == [tokens]
+        for program in (tokens, draw_wording(kind, rng, CLEVRER)[1]):
+            assert readings(in_words(program, CLEVRER), kind, CLEVRER) == [program]
 
 
 def test_programs_in_words() -> None:
-    assert in_words("objects red filter_color end get_frame filter_moving count") == (
+    assert in_words("objects red filter_color end get_frame filter_moving count", CLEVRER) == (
         "How many moving red objects are there when the video ends?"
     )
-    assert in_words("unseen_events") == "What will happen next?"
+    assert in_words("unseen_events", CLEVRER) == "What will happen next?"
     for program in ("objects", "events exist", "events objects unique filter_in"):
         with pytest.raises(ProgramError, match="no question"):
-            in_words(program)
+            in_words(program, CLEVRER)
 
 
 @pytest.mark.parametrize("kind", TEXT_KINDS)
@@ -112,10 +112,10 @@ def test_any_well_typed_program_is_put_in_words_or_refused(kind: str) -> None:
             stack = following(stack, token, CLEVRER)
         if token == END and tokens:
             with suppress(ProgramError):
-                assert in_words(tokens)
+                assert in_words(tokens, CLEVRER)
 
 
 def test_the_sets_by_hand_are_read_rightly() -> None:
     for row in [*json.loads(BY_HAND.read_text()), *read_paraphrases()]:
-        found = [] if normal_form(row["text"]).left_out else readings(row["text"], row["kind"])
+        found = [] if normal_form(row["text"]).left_out else readings(row["text"], row["kind"], CLEVRER)
         assert (row["text"], found) == (row["text"], [row["program"].split()] if row["program"] else [])

@@ -96,8 +96,8 @@ def comparison_frames(
         frame = number * every
         image = np.full((HEADER_PX + 2 * height, 2 * width, 3), PAPER_GREY, np.uint8)
         image[HEADER_PX:-height, :width], image[HEADER_PX:-height, width:] = left, right
-        image[-height:, :width] = draw_plan(s.objects, s.original, frame, world=world)
-        image[-height:, width:] = draw_plan(s.objects, s.changed, frame, s.original, world)
+        image[-height:, :width] = draw_plan(s.objects, s.original, frame, world)
+        image[-height:, width:] = draw_plan(s.objects, s.changed, frame, world, s.original)
         image[HEADER_PX:, width - GAP_PX // 2 : width + GAP_PX // 2] = PAPER_GREY
         image[-height - GAP_PX // 2 : -height + GAP_PX // 2] = PAPER_GREY
         _write_header(image, s, frame)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 from torch import Tensor, nn
 
 from nsdr.io.registry import Registry
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.vocabulary import Vocabulary
 
 
 class Batch(NamedTuple):
@@ -51,7 +51,7 @@ class Sizes:
     answers: int
     channels: int
     grid: tuple[int, int]
-    objects: Vocabulary = CLEVRER
+    objects: Vocabulary
 
 
 class Baseline(nn.Module):

@@ -44,7 +44,7 @@ class Vocabulary:
             raise DataError(f"answers end with {self.answers[-2:]}; expected {' and '.join(OPTION_ANSWERS)}")
 
     @classmethod
-    def from_questions(cls, scenes: Iterable[SceneQuestions], objects: ObjectWords = CLEVRER) -> "Vocabulary":
+    def from_questions(cls, scenes: Iterable[SceneQuestions], objects: ObjectWords) -> "Vocabulary":
         """The vocabulary of training questions about such objects."""
         questions = [q for scene in scenes for q in scene.questions]
         texts = {text for q in questions for text in (q.text, *(c.text for c in q.choices))}
@@ -157,7 +157,7 @@ def training_examples(
 
 
 def make_batch(
-    examples: Sequence[Example], features: Features | None, needs: Collection[str], objects: ObjectWords = CLEVRER
+    examples: Sequence[Example], features: Features | None, needs: Collection[str], objects: ObjectWords
 ) -> Batch:
     """One batch on the CPU. Row b is example b; each video has one row in the tensors of videos.
 

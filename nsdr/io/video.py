@@ -149,7 +149,7 @@ def sample_frames(
     return VideoSample(np.stack([frame for frame in frames if frame.shape == frames[0].shape]), size)
 
 
-def window_frames(path: Path, start: int, stop: int, world: World = CLEVRER_WORLD) -> Sequence[NDArray[np.uint8]]:
+def window_frames(path: Path, start: int, stop: int, world: World) -> Sequence[NDArray[np.uint8]]:
     """Frames `start` to `stop - 1` of a video at the world's frame rate, (height, width, 3) uint8 RGB, at most of its size.
 
     A video file of that rate is decoded from the last keyframe before them, any other video from its beginning. There are fewer

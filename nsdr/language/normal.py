@@ -54,10 +54,10 @@ class Normal:
     """
 
     words: tuple[str | Slot, ...]
-    corrections: tuple[tuple[str, str], ...] = ()
-    left_out: tuple[str, ...] = ()
-    is_hedged: bool = False
-    vocabulary: Vocabulary = CLEVRER
+    corrections: tuple[tuple[str, str], ...]
+    left_out: tuple[str, ...]
+    is_hedged: bool
+    vocabulary: Vocabulary
 
     @property
     def text(self) -> str:
@@ -106,7 +106,7 @@ def _known_words(
 
 
 @lru_cache(maxsize=1 << 12)
-def corrected(word: str, vocabulary: Vocabulary = CLEVRER) -> str:
+def corrected(word: str, vocabulary: Vocabulary) -> str:
     """The only known word that a misspelt word can be; "" if there is none or several.
 
     One letter may be wrong, missing, too much, or two neighbours exchanged; the first letter must be right, and all be Latin.
@@ -325,7 +325,7 @@ def _central_words(vocabulary: Vocabulary) -> frozenset[str]:
 
 
 @cache
-def known_words(vocabulary: Vocabulary = CLEVRER) -> frozenset[str]:
+def known_words(vocabulary: Vocabulary) -> frozenset[str]:
     """All words that a text may have."""
     of_english = {"one", "ones"} | FUNCTION_WORDS | QUESTION_STARTS | CLAUSE_STARTS | _words_of_patterns()
     return frozenset(of_english | _central_words(vocabulary))

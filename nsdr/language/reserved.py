@@ -18,7 +18,7 @@ def reserved_words() -> frozenset[str]:
     """Words of texts that are not for attributes of objects."""
     of_files = {word for name in WORD_FILES for word in pattern_words(name)}
     of_programs = {*MODULES, *ORDERS, *CHANGES}
-    known = known_words().union(load_rules(CLEVRER, *RULES).words, of_files, of_programs, AMBIGUOUS, MEANINGS)
+    known = known_words(CLEVRER).union(load_rules(CLEVRER, *RULES).words, of_files, of_programs, AMBIGUOUS, MEANINGS)
     return known.difference(_meanings(CLEVRER))
 
 

@@ -11,7 +11,7 @@ from nsdr.io.reading import parse_json
 from nsdr.language.rules import Chooser, Pair, Rules, load_rules
 from nsdr.language.slots import Slot, names_twice, text_of
 from nsdr.symbolic.program import CHOICE_KINDS, Program, ProgramSource
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.vocabulary import Vocabulary
 
 START_SYMBOLS = {"descriptive": "DESCRIPTIVE", "multiple_choice": "MULTIPLE", "choice": "CHOICE"}
 """The symbol of each kind of text, in all sets of rules."""
@@ -29,12 +29,12 @@ MAX_TOKENS = 40
 """Longest program of another wording that is drawn (tokens)."""
 
 
-def english(vocabulary: Vocabulary = CLEVRER) -> Rules:
+def english(vocabulary: Vocabulary) -> Rules:
     """The rules of texts in normal form."""
     return load_rules(vocabulary, "read_english")
 
 
-def clevrer(vocabulary: Vocabulary = CLEVRER) -> Rules:
+def clevrer(vocabulary: Vocabulary) -> Rules:
     """The rules of CLEVRER's own texts, and of those beyond it that the generator asks."""
     return load_rules(vocabulary, "write_clevrer", "write_beyond")
 
@@ -55,7 +55,7 @@ class _RandomWords:
         return tuple(word for name, word in chosen.items() if name != without)
 
 
-def sample(kind: str, rng: random.Random, vocabulary: Vocabulary = CLEVRER) -> Pair:
+def sample(kind: str, rng: random.Random, vocabulary: Vocabulary) -> Pair:
     """A random text of CLEVRER's wordings and its program's tokens.
 
     Objects are described by random attribute words, so that a text need not fit any scene.
@@ -69,7 +69,7 @@ def sample(kind: str, rng: random.Random, vocabulary: Vocabulary = CLEVRER) -> P
     return clevrer(vocabulary).draw(START_SYMBOLS[kind], rng, words)
 
 
-def draw_wording(kind: str, rng: random.Random, vocabulary: Vocabulary = CLEVRER) -> Pair:
+def draw_wording(kind: str, rng: random.Random, vocabulary: Vocabulary) -> Pair:
     """A random text of a kind in normal form, and its program's tokens."""
     words = _RandomWords(rng, BARE_WORDING_PROBABILITIES, vocabulary)
     while True:
@@ -79,7 +79,7 @@ def draw_wording(kind: str, rng: random.Random, vocabulary: Vocabulary = CLEVRER
 
 
 @cache
-def normal_words(vocabulary: Vocabulary = CLEVRER) -> tuple[str, ...]:
+def normal_words(vocabulary: Vocabulary) -> tuple[str, ...]:
     """All words of normal forms."""
     objects: list[tuple[str, ...]] = [(), *((shape,) for shape in vocabulary.words["shape"])]
     nouns = {vocabulary.noun_phrase(words, is_plural) for words in objects for is_plural in (False, True)}
@@ -93,7 +93,7 @@ def kind_of(program: Program) -> str:
     return "choice" if program.result in CHOICE_KINDS else "descriptive"
 
 
-def in_words(program: ProgramSource, vocabulary: Vocabulary = CLEVRER) -> str:
+def in_words(program: ProgramSource, vocabulary: Vocabulary) -> str:
     """The question or choice that a program stands for, such as "How many moving red cubes are there when the video ends?".
 
     It is read as that program again, for all programs of CLEVRER's texts and their other wordings.

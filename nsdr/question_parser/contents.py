@@ -13,7 +13,7 @@ from nsdr.language.rules import Rules, load_rules
 from nsdr.language.slots import Slot
 from nsdr.language.words import rewritten_words
 from nsdr.question_parser.tokenizer import split_words
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.vocabulary import Vocabulary
 
 SYMBOLS = {"descriptive": "CONTENTS", "multiple_choice": "WHICH"}
 """The symbol of each kind of text; a choice has too few words to tell what it says without their order."""
@@ -40,7 +40,7 @@ _MALFORMED = re.compile(
 """Of texts that are no sentences, or that negate something else than what happens."""
 
 
-def content_readings(text: str, kind: str, vocabulary: Vocabulary = CLEVRER) -> list[list[str]]:
+def content_readings(text: str, kind: str, vocabulary: Vocabulary) -> list[list[str]]:
     """The programs of a text by its contents, mostly none or one.
 
     Args:

@@ -121,7 +121,7 @@ def check_text(text: str, kind: str) -> None:
         raise QuestionError(f"the text {text!r} is empty")
 
 
-def readings(text: str, kind: str, vocabulary: Vocabulary = CLEVRER) -> list[list[str]]:
+def readings(text: str, kind: str, vocabulary: Vocabulary) -> list[list[str]]:
     """The programs of a text as a "descriptive" or "multiple_choice" question or as a "choice"; unknown words are left out."""
     words = normal_form(text, vocabulary=vocabulary).words
     symbols = [START_SYMBOLS[kind], *([TOLD] if kind == "descriptive" else [])]
@@ -135,7 +135,7 @@ def _spelt_right(text: str, vocabulary: Vocabulary) -> str:
 
 
 def extension_readings(
-    text: str, kind: str, vocabulary: Vocabulary = CLEVRER, symbols: Mapping[str, str] = EXTENSION_SYMBOLS
+    text: str, kind: str, vocabulary: Vocabulary, symbols: Mapping[str, str] = EXTENSION_SYMBOLS
 ) -> list[list[str]]:
     """The programs of a text that asks for more than CLEVRER's questions do; empty if it is none.
 

@@ -14,7 +14,7 @@ from nsdr.language.slots import Slot
 from nsdr.language.texts import clevrer
 from nsdr.symbolic import Executor
 from nsdr.types import Scene
-from nsdr.world.vocabulary import CLEVRER, Vocabulary
+from nsdr.world.vocabulary import Vocabulary
 
 SYMBOLS = {
     "descriptive": ("EVENTS", "MOTION", "QUERY"),
@@ -94,7 +94,7 @@ def any_names(vocabulary: Vocabulary) -> list[tuple[str, ...]]:
     return list(dict.fromkeys(names))
 
 
-def intervention_hint(text: str, vocabulary: Vocabulary = CLEVRER) -> str:
+def intervention_hint(text: str, vocabulary: Vocabulary) -> str:
     """What to do for a question about a changed world that no program expresses; "" for other texts."""
     lower, options = text.lower(), []
     if _CONDITION.search(lower) and _RESULT.search(lower):
@@ -107,7 +107,7 @@ def intervention_hint(text: str, vocabulary: Vocabulary = CLEVRER) -> str:
     return f"; nsdr simulate VIDEO {said} says what would happen" if options else ""
 
 
-def nearest_questions(text: str, scene: Scene | None, *kinds: str, vocabulary: Vocabulary = CLEVRER) -> list[str]:
+def nearest_questions(text: str, scene: Scene | None, *kinds: str, vocabulary: Vocabulary) -> list[str]:
     """Well-formed texts that are most similar to a text.
 
     Args:

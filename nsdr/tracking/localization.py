@@ -92,7 +92,7 @@ def _calibration(shape: Shape, camera: Camera) -> tuple[FloatArray, FloatArray]:
     return to_centre, to_edges
 
 
-def expected_size(shape: Shape | str, location_world: FloatArray, camera: Camera = CLEVRER_CAMERA) -> FloatArray:
+def expected_size(shape: Shape | str, location_world: FloatArray, camera: Camera) -> FloatArray:
     """Width and height (N, 2) in pixels of the bounding boxes of objects of a shape at (x, y) (N, 2) on the ground.
 
     Boxes are averaged over their yaw.

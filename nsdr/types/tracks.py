@@ -47,7 +47,7 @@ def check_words(owner: str, objects: Iterable[SceneObject], vocabulary: Vocabula
             expect(word in known, f"{owner}: object {o.id}: {name}", f"one of {', '.join(known)}", repr(word))
 
 
-def object_of(number: int, words: str, vocabulary: Vocabulary = CLEVRER_WORLD.vocabulary) -> SceneObject:
+def object_of(number: int, words: str, vocabulary: Vocabulary) -> SceneObject:
     """The object with an id and words in any order, such as "red metal cube".
 
     Raises:

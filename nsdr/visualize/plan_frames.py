@@ -32,8 +32,8 @@ def draw_plan(
     objects: Sequence[SceneObject],
     rollout: Rollout,
     frame: int,
+    world: World,
     ghost: Rollout | None = None,
-    world: World = CLEVRER_WORLD,
 ) -> NDArray[np.uint8]:
     """One frame of a rollout from above: objects with their trails, and a star where two have just collided.
 
@@ -44,8 +44,8 @@ def draw_plan(
         objects: shapes and colours.
         rollout: positions and collisions.
         frame: which one.
-        ghost: another rollout, whose outlines are drawn in grey.
         world: the world of the objects, whose camera sees the bright part.
+        ghost: another rollout, whose outlines are drawn in grey.
 
     Returns:
         (height, width, 3) uint8 RGB, of the size of the world's videos.

@@ -88,7 +88,7 @@ def _removals(perception: Perception, answers: Sequence[Answer]) -> str:
     for i in sorted((_removed_objects(answers) or known) & known):
         simulation = simulate(explanation, [Remove(i)])
         last = simulation.changed.visible.shape[1] - 1
-        plan = draw_plan(simulation.objects, simulation.changed, last, simulation.original, explanation.world)
+        plan = draw_plan(simulation.objects, simulation.changed, last, explanation.world, simulation.original)
         lines = [f"<li>{html.escape(simulation.describe(change))}" for change in simulation.differences()]
         cells.append(
             f"<div><h3>Without the {explanation.objects[i].name}</h3><img alt='from above' src='{data_uri(jpeg(plan))}'>"

@@ -223,9 +223,7 @@ def event_picture(
     if frames is not None and perception.tracks is not None and event.frame < len(frames):
         source = thumbnail(frames[event.frame], event.frame, perception.tracks, event.objects, CARD_WIDTH_PX)
     elif simulated is not None:
-        source = data_uri(
-            jpeg(draw_plan(perception.scene.objects, simulated, event.frame, world=perception.scene.world))
-        )
+        source = data_uri(jpeg(draw_plan(perception.scene.objects, simulated, event.frame, perception.scene.world)))
     else:
         return ""
     return f"<img alt='frame {event.frame}' src='{source}'>"

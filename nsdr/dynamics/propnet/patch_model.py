@@ -117,7 +117,7 @@ class PatchNetwork(nn.Module):
         box_scale: units of boxes, see `box_scale`.
     """
 
-    def __init__(self, config: PatchPropNetConfig, world: World = CLEVRER_WORLD) -> None:
+    def __init__(self, config: PatchPropNetConfig, world: World) -> None:
         super().__init__()
         self.config, self.world, self.box_scale = config, world, box_scale(world)
         self.static_features = feature_count(world.vocabulary)
@@ -202,7 +202,7 @@ class ImagePropNet(PatchNetwork):
     the next patch; the relation predictor also predicts collisions in the steps of the window.
     """
 
-    def __init__(self, config: PatchPropNetConfig, world: World = CLEVRER_WORLD) -> None:
+    def __init__(self, config: PatchPropNetConfig, world: World) -> None:
         super().__init__(config, world)
         if config.patch_cells % DOWNSAMPLING:
             raise DataError(

@@ -220,7 +220,7 @@ def _look_at(path: Video, background: str, fps: float, world: World) -> VideoChe
     return look(sample_frames(path, SAMPLED_SECONDS, SPACING_FRAMES, fps, world), known, world)
 
 
-def look(sample: VideoSample, known: Sequence[FloatArray], world: World = CLEVRER_WORLD) -> VideoCheck:
+def look(sample: VideoSample, known: Sequence[FloatArray], world: World) -> VideoCheck:
     """Compare a video's sample with images (32, 48, 3) of the scene without objects, of which one has to fit."""
     start = next((k for k, frame in enumerate(sample.frames) if not _is_empty(frame)), None)
     if start is None:

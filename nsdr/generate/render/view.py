@@ -88,7 +88,7 @@ class View:
             object.__setattr__(self, "lamp_shift_world", ((0.0, 0.0, 0.0),) * len(self.world.look.lamps))
 
 
-def view_of(config: RenderConfig, seed: int, world: World = CLEVRER_WORLD) -> View:
+def view_of(config: RenderConfig, seed: int, world: World) -> View:
     """The view of the scene with this seed, with the jitter of the configuration.
 
     Args:
