@@ -464,6 +464,21 @@ def test_a_scene_counts_motion_by_the_worlds_time_and_sees_objects_at_their_heig
     assert scene.motion_px[1] == pytest.approx(last - first)
 
 
+@pytest.mark.parametrize("fps", [15, 25, 60])
+def test_speeds_without_a_fit_are_those_of_the_same_time_at_every_rate(fps: int) -> None:
+    n, frame_seconds = 2 * fps, 0.7 / fps
+    physics = Physics(step_seconds=frame_seconds / 7)
+    world = World("at a rate", physics=physics, timeline=Timeline(fps, n))
+    location = 0.004 * np.random.default_rng(0).normal(size=(2, n, 2))
+    location[1, :, 0] += 0.15 * frame_seconds * np.arange(n)  # one object rests, the other creeps
+    objects = SceneObject(0, "red", "metal", "cube"), SceneObject(1, "blue", "metal", "cube")
+    rollout = Rollout(location, np.ones((2, n), bool), ())
+    moving = scene_from_prediction(DynamicsPrediction(objects, n, rollout, world=world)).moving
+    assert moving is not None
+    assert not moving[0].any()
+    assert moving[1].all()
+
+
 def discs_states(world: World = DISCS) -> MotionStates:
     """A disc that slides past a resting coin and a brick."""
     location = np.zeros((3, 60, 2))
@@ -608,6 +623,23 @@ def test_the_judge_knows_the_laws_of_a_world(material) -> None:
     rough = [replace(one, friction=4 * one.friction) for one in DISCS.vocabulary.materials]
     vocabulary = replace(DISCS.vocabulary, materials=tuple(rough))
     assert "friction" in judged(replace(DISCS, vocabulary=vocabulary))
+
+
+def every_second(tracks: VideoTracks) -> VideoTracks:
+    names = ("frame_index", "location_world", "centroid_px", "box_xyxy_px", "score")
+    thinned = [replace(t, **{name: getattr(t, name)[::2] for name in names}) for t in tracks.tracks]
+    return replace(tracks, tracks=tuple(thinned))
+
+
+def test_how_many_frames_a_second_are_enough_to_judge_is_the_same_in_each_world() -> None:
+    tracks = every_second(true_tracks([body(DISC, -1.0, 2.5), body(COIN, 1.0, y=-1.0)], frames=60))
+    with pytest.raises(
+        VideoError, match=r"7\.5 frames a second are too few to judge; expected 8 or .* no more than 1$"
+    ):
+        judge_tracks(tracks)
+    fast = replace(DISCS, timeline=replace(DISCS.timeline, fps=60))
+    judged = judge_tracks(replace(tracks, world=fast))
+    assert not any("frames a second" in note for note in judged.notes)  # 30 are many
 
 
 def test_an_object_that_hits_two_others_at_once_breaks_no_law() -> None:

@@ -8,13 +8,15 @@ from numpy.typing import NDArray
 from nsdr.types import DynamicsPrediction, Event, Rollout, Scene, UncertainEvent, VideoTracks
 from nsdr.types.events import collisions_in_view, enter_exit_events, in_order
 from nsdr.world.camera import Camera, on_ground
+from nsdr.world.world import World
 
 PREDICTED_MOVING_SPEED_WORLD_PER_S = 0.05
 """Where no speed was fitted, an object counts as moving above this speed, multiplied by `Scales.speed` (world units/s). It is
 higher than `Physics.moving_speed_world_per_s` because noisy positions make resting objects seem to creep. Set on ten annotation
 files."""
 SPEED_WINDOW_FRAMES = 11
-"""Number of frames of the line whose slope is the speed where no speed was fitted. Set on ten annotation files."""
+"""Number of frames of the line whose slope is the speed where no speed was fitted (frames of CLEVRER; in other worlds as long).
+Set on ten annotation files."""
 
 
 def scene_from_prediction(
@@ -35,7 +37,7 @@ def scene_from_prediction(
     """
     n_frames, world = prediction.n_frames, prediction.world
     visible = prediction.observed.visible[:, :n_frames]
-    speed = _speed(prediction.observed.location_world[:, :n_frames], world.physics.frame_seconds)
+    speed = _speed(prediction.observed.location_world[:, :n_frames], world)
     moving = speed > PREDICTED_MOVING_SPEED_WORLD_PER_S * world.scales.speed
     if prediction.observed.speed_world_per_s is not None:
         speed = prediction.observed.speed_world_per_s[:, :n_frames]
@@ -113,16 +115,16 @@ def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tu
     return tuple(found)
 
 
-def _speed(location_world: NDArray[np.floating[Any]], frame_seconds: float) -> NDArray[np.floating[Any]]:
+def _speed(location_world: NDArray[np.floating[Any]], world: World) -> NDArray[np.floating[Any]]:
     """Speed (n, F) in world units per second: the smaller of the speeds just before and just after each frame.
 
     Each of the two is the slope of the least-squares line through the `SPEED_WINDOW_FRAMES` that end or start at the frame.
     """
     n, frames = location_world.shape[:2]
-    window = min(SPEED_WINDOW_FRAMES, frames)
+    window = min(max(round(SPEED_WINDOW_FRAMES * world.scales.rate), 2), frames)
     if window < 2:
         return np.zeros((n, frames))
-    time = (np.arange(window) - (window - 1) / 2) * frame_seconds
+    time = (np.arange(window) - (window - 1) / 2) * world.physics.frame_seconds
     windows = np.lib.stride_tricks.sliding_window_view(location_world, window, axis=1)  # (n, F - window + 1, 2, window)
     slope = np.linalg.norm(windows @ (time / (time @ time)), axis=-1)
     missing = np.full((n, window - 1), np.inf)

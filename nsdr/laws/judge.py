@@ -12,6 +12,7 @@ from nsdr.laws.timing import timing_of
 from nsdr.tracking.tracker import TrackerConfig, track
 from nsdr.types import Judgement, VideoProposals, VideoTracks, Violation
 from nsdr.validation import FloatArray, IntArray
+from nsdr.world.world import World
 
 EVEN_NATS = {
     "permanence": 6.0,
@@ -27,17 +28,18 @@ EVEN_NATS = {
 }
 STEEPNESS = 3.3
 """Evidence against each law at which a violation has probability 0.5 (nats), and the slope of the log-odds as a function of the
-logarithm of the evidence. Fitted to 501 lawful scenes of `train` and to suites with training seeds by `python
--m benchmarks.violations SUITE… --lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit` (docs/judge.md says how the suites were
-made)."""
+logarithm of the evidence. They are the same in each world: evidence is the logarithm of a ratio of likelihoods, in which
+lengths are relative to their noise, and has no unit. Fitted to 501 lawful scenes of `train` and to suites with training seeds
+by `python -m benchmarks.violations SUITE… --lawful PROPOSALS_TRAIN.npz --every 24 --first 5 --fit` (docs/judge.md says how the
+suites were made)."""
 MIN_JUDGED_FRAMES, MAX_SPACING_FRAMES = 24, 3
-"""Smallest number of frames that are judged, and their largest spacing (frames). In fewer frames, few violations are found; at
-a larger spacing, lawful videos seem to break laws (`python -m benchmarks.violations SUITE --lawful PROPOSALS_VALIDATION.npz
---rates`)."""
+"""Smallest number of frames that are judged, and their largest spacing (frames of CLEVRER; in other worlds as long). In fewer
+frames, few violations are found; at a larger spacing, lawful videos seem to break laws (`python -m benchmarks.violations SUITE
+--lawful PROPOSALS_VALIDATION.npz --rates`)."""
 SAFE_SPACING_FRAMES = 2
-"""At a larger spacing, judgements have a note (frames). Of 48 lawful videos (34 of `train`, every 260th from scene 5 on,
-originals and clips), one seems to break a law at a stride of 2, and one at 3; of the 37 in docs/judge.md, none at 2 and two at
-3."""
+"""At a larger spacing, judgements have a note (frames of CLEVRER; in other worlds as long). Of 48 lawful videos (34 of `train`,
+every 260th from scene 5 on, originals and clips), one seems to break a law at a stride of 2, and one at 3; of the 37 in
+docs/judge.md, none at 2 and two at 3."""
 
 
 def judge_proposals(
@@ -80,19 +82,19 @@ def judge_tracks(
         late: (F,) delays of the frames, as in `judge_proposals`.
     """
     processed = processed_frames(tracks, proposals)
-    fps = tracks.world.timeline.fps
-    _spacing(processed, fps)
+    world = tracks.world
+    _spacing(processed, world)
     timing = timing_of(tracks, processed, np.zeros(tracks.n_frames) if late is None else late)
-    spacing = _spacing(timing.slots, fps)
+    spacing = _spacing(timing.slots, world)
     found = judgement_of(tracks, evidence_in_time(tracks, timing, proposals))
-    return replace(found, notes=(*found.notes, *timing.notes, *spacing_notes(spacing, fps)))
+    return replace(found, notes=(*found.notes, *timing.notes, *spacing_notes(spacing, world)))
 
 
-def spacing_notes(spacing_frames: float, fps: int) -> tuple[str, ...]:
+def spacing_notes(spacing_frames: float, world: World) -> tuple[str, ...]:
     """Notes on a judgement of frames with a large spacing; empty if there is nothing to say."""
-    if spacing_frames <= SAFE_SPACING_FRAMES:
+    if spacing_frames <= SAFE_SPACING_FRAMES * world.scales.rate:
         return ()
-    rate = fps / spacing_frames
+    rate = world.timeline.fps / spacing_frames
     return (f"{rate:.3g} frames a second are few: about one lawful video in thirty seems to break a law",)
 
 
@@ -112,7 +114,7 @@ def judgement_of(tracks: VideoTracks, evidence: Iterable[Evidence]) -> Judgement
     return Judgement(objects, tracks.n_frames, tuple(violations), 1 - lawful, tracks.notes)
 
 
-def _spacing(frames: IntArray, fps: int) -> float:
+def _spacing(frames: IntArray, world: World) -> float:
     """Median number of frames from one processed frame to the next.
 
     Raises:
@@ -121,7 +123,8 @@ def _spacing(frames: IntArray, fps: int) -> float:
     if len(frames) < MIN_JUDGED_FRAMES:
         raise VideoError(f"{len(frames)} different frames are too few to judge; expected {MIN_JUDGED_FRAMES} or more")
     spacing = float(np.median(np.diff(frames)))
-    if spacing > MAX_SPACING_FRAMES:
-        least = f"expected {fps / MAX_SPACING_FRAMES:.0f} or more, and a stride of no more than {MAX_SPACING_FRAMES}"
+    if spacing > (most := max(MAX_SPACING_FRAMES * world.scales.rate, 1)):  # a world's own rate is enough
+        fps = world.timeline.fps
+        least = f"expected {fps / most:.0f} or more, and a stride of no more than {int(most)}"
         raise VideoError(f"{fps / spacing:.3g} frames a second are too few to judge; {least}")
     return spacing

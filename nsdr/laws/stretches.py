@@ -36,9 +36,9 @@ SPIN_RELIEF = 0.2
 CLEVRER's friction). It is `MIN_EXTRA` at least."""
 CLEVRERS_FRICTION = CLEVRER.shapes[0].friction * CLEVRER_WORLD.physics.gravity
 """Deceleration of CLEVRER's cubes and cylinders by friction (world units/s²)."""
-MIN_OTHER_GROUND_FRAMES = 10
-"""Shortest duration of sliding on another ground (frames). In less time its effect cannot be distinguished from a push. Chosen
-on the training suites of docs/judge.md."""
+MIN_OTHER_GROUND_SECONDS = 0.28
+"""Shortest duration of sliding on another ground (s): ten frames of CLEVRER. In less time its effect cannot be distinguished
+from a push. Chosen on the training suites of docs/judge.md."""
 LEAST_SQUARES: Any = {"x_scale": (0.01, 0.01, 0.05, 0.05, 0.2, 0.1, 0.1), "max_nfev": 100}
 """Options of the fit of another ground: scales of position, velocity, deceleration, its start and its duration; largest number
 of evaluations."""
@@ -88,7 +88,7 @@ class TrackPositions:
         """Compute `best_stretch`."""
         lawful = self.stretch(a, b)
         is_fast = lawful.speed > MIN_SPEED_WORLD_PER_S * self.scales.speed
-        tells = self._seconds(a, b)[-1] > self._shortest and is_fast
+        tells = self._seconds(a, b)[-1] > MIN_OTHER_GROUND_SECONDS and is_fast
         if self.known_ground or not tells or lawful.cost < CUT_GAIN:
             return lawful
         least, most = MIN_EXTRA * self.scales.gravity, MAX_EXTRA * self.scales.gravity
@@ -123,7 +123,7 @@ class TrackPositions:
             share = np.sqrt(2 * costs(squares, weight, self.noise) / np.maximum(squares, 1e-24))
             return np.asarray((off * share[:, None]).ravel())
 
-        shortest = self._shortest
+        shortest = MIN_OTHER_GROUND_SECONDS
         bounds = [-np.inf] * 4 + [low, 0.0, shortest], [np.inf] * 4 + [high, total - shortest, total]
         # If the object comes to rest, its last positions give no information about the ground, so two onsets are tried.
         onsets = 0.0, (total - shortest) / 2
@@ -149,11 +149,6 @@ class TrackPositions:
     def frame_seconds(self) -> float:
         """Time between two frames (s)."""
         return float(self.law["frame_seconds"])
-
-    @property
-    def _shortest(self) -> float:
-        """Shortest duration of sliding on another ground (s)."""
-        return MIN_OTHER_GROUND_FRAMES * self.frame_seconds
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

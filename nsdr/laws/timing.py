@@ -36,7 +36,7 @@ MIN_GAIN_NATS = 10.0
 CHAIN_NATS = 5.0
 """A copy of a copy must explain the steps better than a direct copy by at least this (nats)."""
 MIN_STILL_FRAMES = 4.0
-"""Shortest duration of a standstill (frames). Shorter ones are repeated frames."""
+"""Shortest duration of a standstill (frames of CLEVRER; in other worlds as long). Shorter ones are repeated frames."""
 MIN_STILL_NATS = 10.0
 """Weaker evidence of a standstill is ignored (nats). Of 145 lawful scenes of `train`, three have such evidence, of 5 to 7."""
 SAME_NATS = 2.0
@@ -138,7 +138,8 @@ def timing_of(tracks: VideoTracks, processed: IntArray, late: FloatArray) -> Tim
     states = states_from_tracks(tracks)
     world = tracks.world
     reliable = np.where(states.reliable[..., None], states.location_world, np.nan)[:, processed]
-    steps = _Steps(reliable, world.timeline.fps, STEP_NOISE_WORLD * world.scales.size)
+    scales = world.scales
+    steps = _Steps(reliable, world.timeline.fps, STEP_NOISE_WORLD * scales.size, MIN_STILL_FRAMES * scales.rate)
     every, order = tuple(range(len(tracks.tracks))), np.arange(len(processed))
     for _ in range(MAX_STANDSTILLS):
         pattern = steps.pattern(said)
@@ -185,11 +186,13 @@ class _Steps:
         location: (n, P, 2) reliable positions (world units); NaN for all others.
         fps: frame rate of the world's videos.
         noise: standard deviation of each coordinate of a short step (world units).
+        min_still: shortest duration of a standstill (frames).
     """
 
     location: FloatArray
     fps: int
     noise: float
+    min_still: float
 
     def pattern(self, said: FloatArray) -> IntArray | None:
         """Find the frames of the original that the processed frames show, if the video is a copy at another rate.
@@ -229,7 +232,7 @@ class _Steps:
             moves = np.asarray(np.isfinite(before[:, a]).all(axis=1))
             since, moved = taken - taken[a], self.location - self.location[:, a : a + 1]
             stays = np.cumsum(_nats(moved[:, a:], self.noise))
-            ends = np.flatnonzero(since >= MIN_STILL_FRAMES - ROUNDING)
+            ends = np.flatnonzero(since >= self.min_still - ROUNDING)
             ends = ends[stays[ends - a] < MOVED_NATS]
             if not moves.any() or not len(ends):
                 continue

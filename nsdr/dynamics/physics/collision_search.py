@@ -23,8 +23,9 @@ TRIED_FROM = 0.01
 """Candidates whose probability is between this and 1 - this are tried both ways. The others are accepted or rejected at
 once."""
 BIAS, NETWORK_WEIGHT, GAP_WEIGHT = 0.623, 0.636, -42.6
-"""Weights of a logistic regression on `CollisionEvidence`, fitted on left-out scenes of `train`: `python
--m benchmarks.collisions --proposals FILE.npz --truth FILE.json.gz --every 5 --weights` prints them."""
+"""Weights of a logistic regression on `CollisionEvidence`, which has no unit: log-odds, and a gap in proportion to the sizes of
+a world's objects. So they are the same in each world. Fitted on left-out scenes of `train`: `python -m benchmarks.collisions
+--proposals FILE.npz --truth FILE.json.gz --every 5 --weights` prints them."""
 MAX_LOG_ODDS = 12.0
 """The log-odds of the detector are clamped to ± this value."""
 MAX_GAP_WORLD = 0.3
