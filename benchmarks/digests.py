@@ -13,6 +13,7 @@ import tempfile
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -96,12 +97,10 @@ def language(_: Namespace) -> Stages:
         said = (found for kind in TEXT_KINDS for found in parser.parse_batch(texts, kind))
         yield name, (f"{found} {getattr(found, 'notes', ())}".encode() for found in said)
     rng = random.Random(0)
-    drawn = [draw(TEXT_KINDS[n % 3], rng) for n in range(TEXTS // 2) for draw in (sample, draw_wording)]
+    drawn = [draw(TEXT_KINDS[n % 3], rng, CLEVRER) for n in range(TEXTS // 2) for draw in (sample, draw_wording)]
     yield "drawn texts", (json_text(row, "texts").encode() for row in drawn)
-    yield (
-        "written texts",
-        (attempted(lambda program: in_words(program, CLEVRER).encode(), tokens) for _, tokens in drawn),
-    )
+    written = partial(in_words, vocabulary=CLEVRER)
+    yield "written texts", (attempted(lambda program: written(program).encode(), tokens) for _, tokens in drawn)
 
 
 def of_proposals(options: Namespace) -> Stages:
