@@ -148,8 +148,9 @@ class Break:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether there is little evidence that the motion changes at all."""
-        return max(self.jump().nats, self.kick().nats) < MIN_EVIDENCE
+        """Whether there is little evidence that the motion changes at all, though both sides have enough positions for it."""
+        is_known = min(len(self.before), len(self.after)) >= SURE_FRAMES
+        return is_known and max(self.jump().nats, self.kick().nats) < MIN_EVIDENCE
 
     @property
     def is_slight(self) -> bool:
