@@ -293,7 +293,7 @@ class Pipeline:
             interventions: instances of `Remove`, `SetMass`, `SetVelocity`, `Move`, `Freeze` and `Add`, all at `from_frame`.
             from_frame: a frame of the video.
             frames: number of frames to simulate, from the start of the video on, and at least those of the video; None for
-                the horizon of CLEVRER's predictive questions, 7/5 of the video's length: 180 for a video of 128 frames.
+                the horizon of the world's predictive questions: 180 for a video of CLEVRER, 7/5 of its length.
 
         Raises:
             VideoError: see `perceive`.

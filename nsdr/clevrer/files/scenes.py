@@ -49,7 +49,7 @@ def scene_from_truth(truth: Mapping[str, Any], n_frames: int | None = None) -> S
     """The scene of a generated video's `truth_S.json`, with observed, predicted and counterfactual events and motion.
 
     Args:
-        truth: `objects`, `frames` (7/5 of the video's), `collisions` and `counterfactual`.
+        truth: `objects`, `frames` (in CLEVRER 7/5 of the video's), `collisions` and `counterfactual`.
         n_frames: number of frames that the video shows; None takes the file's `n_frames`, or those of its
             world's videos if it has none.
 
