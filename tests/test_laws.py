@@ -16,7 +16,7 @@ from nsdr.dynamics.motion_states import states_from_tracks
 from nsdr.errors import DataError
 from nsdr.generate.dataset import Files
 from nsdr.generate.physics.scene import SimulatedScene, simulate_scene
-from nsdr.generate.physics.violations import break_law
+from nsdr.generate.physics.violations import SIZES, amount_in, break_law
 from nsdr.generate.scene_files import annotation_document, proposal_document
 from nsdr.generate.violations import ViolationsConfig, generate_violations
 from nsdr.io.files import write_json
@@ -164,6 +164,11 @@ def test_the_same_seed_breaks_a_law_in_the_same_way() -> None:
     assert second is not None
     assert first[1] == second[1]
     assert np.array_equal(first[0].motion.location_world, second[0].motion.location_world)
+
+
+def test_how_long_a_law_is_broken_is_a_time() -> None:
+    assert [amount_in(CLEVRER_WORLD, "standstill", size) for size in SIZES] == [15, 8, 5]
+    assert [amount_in(read_world("pucks"), "standstill", size) for size in SIZES] == [12, 6, 4]  # 20 frames a second
 
 
 def test_a_scene_without_an_occasion_gives_none() -> None:

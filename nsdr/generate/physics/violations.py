@@ -48,11 +48,14 @@ AMOUNTS = {
 - arrow: number of well visible collisions in the video, which is played backwards
 - standstill: number of identical frames"""
 SCALES = {
+    "permanence": "rate",
+    "identity": "rate",
     "continuity": "size",
     "inertia": "speed",
     "friction": "gravity",
     "solidity": "size",
     "distance": "size",
+    "standstill": "rate",
 }
 """The field of `World.scales` to which a law's amounts are in proportion; those of other laws are the same everywhere."""
 SLIDING_FRAMES = 40
@@ -96,7 +99,8 @@ def amount_in(world: World, law: str, size: str) -> float:
         size: one of `SIZES`.
     """
     scale: float = getattr(world.scales, SCALES[law]) if law in SCALES else 1.0
-    return AMOUNTS[law][SIZES.index(size)] * scale
+    amount = AMOUNTS[law][SIZES.index(size)] * scale
+    return round(amount) if SCALES.get(law) == "rate" and math.isfinite(amount) else amount
 
 
 def _turned(x: float, y: float, angle: float, length: float) -> tuple[float, float]:
