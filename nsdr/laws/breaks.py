@@ -147,10 +147,14 @@ class Break:
         return MotionChange(size, size**2 / (2 * (variance + noise**2)))
 
     @property
-    def is_doubtful(self) -> bool:
-        """Whether there is little evidence that the motion changes at all, though both sides have enough positions for it."""
-        is_known = min(len(self.before), len(self.after)) >= SURE_FRAMES
-        return is_known and max(self.jump().nats, self.kick().nats) < MIN_EVIDENCE
+    def is_change(self) -> bool:
+        """Whether there is evidence that the motion changes."""
+        return max(self.jump().nats, self.kick().nats) >= MIN_EVIDENCE
+
+    @property
+    def may_be_change(self) -> bool:
+        """Whether the motion changes, or one side has too few positions to tell."""
+        return self.is_change or min(len(self.before), len(self.after)) < SURE_FRAMES
 
     @property
     def is_slight(self) -> bool:

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nsdr.laws.breaks import SEEN_GAP_FRAMES, Break, kick_noise
+from nsdr.laws.breaks import JUMP_FRAMES, Break, kick_noise
 from nsdr.laws.stretches import TrackStretch
 from nsdr.validation import FloatArray
 
 UNSEEN_NOISE_WORLD_PER_S = 0.3
-"""Standard deviation of a change of velocity that is not observed directly, in addition to the errors of the fits (world
-units/s in CLEVRER). Chosen on training seeds of the world `blocks`."""
+"""Standard deviation of a change of velocity, in addition to the errors of the fits, if positions between both stretches belong
+to neither, or are not reliable for more than `JUMP_FRAMES` frames (world units/s in CLEVRER). Chosen on training seeds of the
+world `blocks`."""
 MIN_ALONG = 0.6
 """Smallest cosine of the angle between an impulse and the line of centres, which differ because cubes push along the normal of
 their sides."""
@@ -72,6 +73,6 @@ def collision_evidence(
 
 def _noise(before: TrackStretch, after: TrackStretch) -> float:
     """Standard deviation of the change of velocity between two stretches, in addition to errors of the fits (world units/s)."""
-    if Break(before, after).hidden_frames > SEEN_GAP_FRAMES:
+    if before.b < after.a or Break(before, after).hidden_frames > JUMP_FRAMES:
         return UNSEEN_NOISE_WORLD_PER_S * before.track.scales.speed
     return kick_noise(before)

@@ -233,10 +233,10 @@ class PiecewiseMotion:
     def _may_have_another_cause(self, b: Break, j: int) -> bool:
         """Whether a third object may also hit object b.i or j around their contact, so that its effect is not seen alone."""
         pair, others = (b.i, j), [k for k in range(len(self.stretches)) if k not in (b.i, j)]
-        for o in self._changes_near(b, others):
-            if any(self._gap(o, i)[1] < TOUCH_NATS for i in pair):
+        for o in (o for k in others for o in self._changes_near(b, k)):
+            if o.is_change and any(self._gap(o, i)[1] < TOUCH_NATS for i in pair):
                 return True
-        for o in (b, *self._changes_near(b, pair)):
+        for o in (b, *(o for i in pair for o in self._changes_near(b, i))):
             is_same = abs(o.frame - b.frame) <= SAME_FRAMES
             if is_same and o.hidden_frames > MAX_HIDDEN_FRAMES:
                 return True
@@ -244,18 +244,17 @@ class PiecewiseMotion:
                 continue
             if not is_same and not self._unseen_nats(o):
                 return True
-            if any(self._gap(o, k)[1] < TOUCH_NATS and not self._stays_unchanged(k, o) for k in others):
+            if any(self._gap(o, k)[1] < TOUCH_NATS and not self._is_unchanged(k, o) for k in others):
                 return True
         return False
 
-    def _changes_near(self, b: Break, objects: Iterable[int]) -> list[Break]:
-        """Changes of some objects within `CROWDED_FRAMES` of another change, without doubtful ones."""
-        near = (o for i in objects for o in self.breaks[i] if abs(o.frame - b.frame) <= CROWDED_FRAMES)
-        return [o for o in near if not o.is_doubtful]
+    def _changes_near(self, b: Break, k: int) -> list[Break]:
+        """Possible changes of object k within `CROWDED_FRAMES` of another change."""
+        return [o for o in self.breaks[k] if abs(o.frame - b.frame) <= CROWDED_FRAMES and o.may_be_change]
 
-    def _stays_unchanged(self, k: int, b: Break) -> bool:
-        """Whether the motion of object k is seen to stay the same around a change of another object."""
-        return bool(self._sides(b, k)) and not self._changes_near(b, [k])
+    def _is_unchanged(self, k: int, b: Break) -> bool:
+        """Whether object k is seen to move on as before around a change of another object."""
+        return bool(self._sides(b, k)) and not self._changes_near(b, k)
 
     def _changes_with(self, b: Break, j: int) -> list[Break]:
         """Changes of object j at the time of another change."""
