@@ -47,6 +47,7 @@ from nsdr.training.run_folder import parse_training
 from nsdr.training.track_task import DynamicsTraining
 from nsdr.types import Rollout
 from nsdr.world.camera import HEIGHT_PX, WIDTH_PX
+from nsdr.world.world import CLEVRER_WORLD
 
 SIMULATED = "simulated"
 """The device of `tests/second_device.py`."""
@@ -180,7 +181,7 @@ def _described(p: VideoProposals) -> list[tuple[Any, ...]]:
 def question_parser(setting: Setting) -> Result:
     """Programs of texts by the networks."""
     rng, size = random.Random(0), 20 if setting.small else 500
-    texts = {kind: [sample(kind, rng, CLEVRER)[0] for _ in range(size)] for kind in TEXT_KINDS}
+    texts = {kind: [sample(kind, rng, CLEVRER_WORLD.vocabulary)[0] for _ in range(size)] for kind in TEXT_KINDS}
     parser = QuestionParser.from_pretrained(device="cpu")
     pairs = [
         *zip(*setting.both(parser, lambda: [x for k in texts for x in parser.candidates(texts[k], k)]), strict=True)

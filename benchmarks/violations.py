@@ -41,7 +41,7 @@ from nsdr.generate.scene_files import annotation_document, solids_at
 from nsdr.io.files import find_files
 from nsdr.io.reading import read_json
 from nsdr.io.worlds import world_in
-from nsdr.laws.breaks import HIDDEN_NOISE_WORLD, JUMP_FRAMES
+from nsdr.laws.breaks import HIDDEN_NOISE_WORLD, JUMP_FRAMES, SURE_FRAMES
 from nsdr.laws.evidence import evidence_in_time
 from nsdr.laws.judge import judgement_of
 from nsdr.laws.motion import Evidence, cut_motion
@@ -268,7 +268,7 @@ def fit(rows: list[Row], official: list[list[Evidence]]) -> None:
 def jumps(proposals: VideoProposals) -> list[float]:
     """How far objects seem to jump in a lawful video where they are hidden, if only in part (world units)."""
     explanation = cut_motion(states_from_tracks(track(proposals)))
-    breaks = [b for one in explanation.breaks for b in one if b.is_sure]
+    breaks = [b for one in explanation.breaks for b in one if min(len(b.before), len(b.after)) >= SURE_FRAMES]
     hidden = [b for b in breaks if b.hidden_frames > JUMP_FRAMES >= b.missing_frames]
     known = [b for b in hidden if b.position_variance < HIDDEN_NOISE_WORLD**2]
     return [b.jump().size for b in known]

@@ -176,7 +176,7 @@ def check_weights(part: object, world: World) -> None:
 class NoWeights:
     """Takes the place of a frame parser or a detector of collisions for which there are no weights of the world.
 
-    A pipeline with it takes all that does without: masks, tracks, true collisions.
+    A pipeline with it still takes what needs no such weights: masks or tracks, and true collisions.
 
     Args:
         reason: why there are none.
@@ -196,7 +196,7 @@ def load_parts(path_or_id: str | Path, config: PipelineConfig, device: str) -> t
 
     Args:
         path_or_id: where the checkpoint is. A warning says which parts it lacks, and shipped ones are used for them. Where the
-            shipped frame parser or detector of collisions is of another world, `NoWeights` refuses when it is needed.
+            shipped frame parser or detector of collisions is of another world, `NoWeights` takes its place.
         config: settings of the parts.
         device: where the networks of the question parser run.
 

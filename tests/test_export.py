@@ -200,13 +200,18 @@ def test_frames_have_the_number_and_the_width_that_are_asked_for(root, tmp_path,
     assert "format chat takes videos, no frames; leave out --frames, or choose trl" in capsys.readouterr().err
 
 
-def test_frames_are_those_of_the_data_sets_world(root, tmp_path, capsys) -> None:
-    world = World("wide", timeline=Timeline(20, 20), camera=Camera(width=640, height=360))
+def take_in(root: Path, world: World) -> None:
+    """Make a data set one of another world, with videos of 20 frames that become brighter."""
     write_json(root / "manifest.json", read_json(root / "manifest.json") | stored_world(world))
+    size = world.camera.height, world.camera.width, 3
     for split, indices in CONFIG.indices().items():
         for index in indices:
-            shades = (np.full((360, 640, 3), 60 + 7 * frame, np.uint8) for frame in range(20))
-            write_video(Files(root, split, index).video, shades, 20, preset="ultrafast")
+            shades = (np.full(size, 60 + 7 * frame, np.uint8) for frame in range(20))
+            write_video(Files(root, split, index).video, shades, world.timeline.fps, preset="ultrafast")
+
+
+def test_frames_are_those_of_the_data_sets_world(root, tmp_path, capsys) -> None:
+    take_in(root, World("wide", timeline=Timeline(20, 20), camera=Camera(width=640, height=360)))
     trl = ("--format", "trl", "--frames", "3", "--videos", "none", "--frame-width")
     first = rows(export(root, tmp_path / "out", *trl, "640") / "train.jsonl")[0]
     images = [cv2.imread(str(tmp_path / "out" / path)) for path in first["images"]]
@@ -214,6 +219,12 @@ def test_frames_are_those_of_the_data_sets_world(root, tmp_path, capsys) -> None
     assert [image.mean() for image in images] == pytest.approx([60, 130, 193], abs=2)  # frames 0, 10 and 19
     export(root, tmp_path / "no", *trl, "642", status=2)
     assert "frame_width 642: expected 640 or less" in capsys.readouterr().err
+
+
+def test_frames_are_not_wider_than_the_images_of_the_world(root, tmp_path) -> None:
+    take_in(root, World("narrow", timeline=Timeline(20, 20), camera=Camera(width=192, height=128)))
+    first = rows(export(root, tmp_path / "out", "--format", "trl", "--videos", "none") / "train.jsonl")[0]
+    assert cv2.imread(str(tmp_path / "out" / first["images"][0])).shape == (128, 192, 3)
 
 
 def test_chat_rows_end_with_the_answer(root, tmp_path) -> None:

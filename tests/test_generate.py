@@ -197,7 +197,7 @@ def test_a_configuration_without_scenes_raises(monkeypatch) -> None:
     monkeypatch.setattr("nsdr.generate.physics.scene.RESTARTS", 2)
     with pytest.raises(DataError, match="seed 1: no scene found in 2 attempts"):
         simulate_scene(1, SceneConfig(speed=(0.1, 0.11)))
-    with pytest.raises(DataError, match=r"start_speed_world_per_s 0\.03: no object would slide by more than"):
+    with pytest.raises(DataError, match=r"start_speed_world_per_s 0\.03: objects slide by at most"):
         simulate_scene(1, SceneConfig(speed=(0.03, 0.03)))
     with pytest.raises(DataError, match="participants 7: expected the number of objects in the largest scenes"):
         simulate_scene(1, SceneConfig(participants=7))

@@ -390,6 +390,15 @@ def test_weights_of_another_world_are_refused_once(root: Path, source, capsys, t
     assert "give weights for" in err
 
 
+def test_data_of_which_nothing_says_the_world_are_taken_for_the_weights(root: Path, tmp_path) -> None:
+    questions = tmp_path / "train.json"
+    questions.write_bytes((root / "questions/train.json").read_bytes())
+    config = EvaluationConfig(questions=str(questions), data=str(tmp_path), source="proposals", checkpoint="pucks")
+    assert config.world == read_world("pucks")
+    with pytest.raises(DataError, match="or an attribute word of the world pucks, got 'teal'"):
+        run_evaluation(config)
+
+
 def test_nothing_is_asked_whose_answer_the_vocabulary_knows() -> None:
     clay = read_world("clevrer").vocabulary.materials[:1]
     world = World("clay", replace(CLEVRER_WORLD.vocabulary, materials=(replace(clay[0], word="clay", synonyms=()),)))

@@ -110,7 +110,7 @@ def changed(place: tuple[str | int, ...], value: Any, folder: Path) -> Path:
             3,
             "moving_speed_world_per_s 3: nothing would count as moving; .* 3 - at",
         ),
-        (("physics", "start_speed_world_per_s"), [0.05, 0.07], "more than 0.351 in the 179 frames .* 0.389 away"),
+        (("physics", "start_speed_world_per_s"), [0.05, 0.07], "at most 0.351 in the 179 frames .* 0.389 away"),
         (
             ("camera", "lens_mm"),
             3,

@@ -46,8 +46,8 @@ def rows(path: str) -> list[dict[str, Any]]:
             raise DataError(f"{path}, line {number}: has no answer; export a split with answers")
         if read_response(row["target"], row["options"], world).answer is None:
             raise DataError(
-                f"{path}, line {number}: {row['target']} is no answer in the world {world}; export again, which "
-                f"writes {beside} for other worlds than CLEVRER's"
+                f"{path}, line {number}: {row['target']} is no answer in the world {world}; of rows of another "
+                f"world than CLEVRER's, {beside} has to say the world: export into a new folder"
             )
         video = (Path(path).parent / row["video"]).resolve()
         if not video.exists():

@@ -146,7 +146,8 @@ def export_options(parser: Any) -> None:
     add("--questions", default="", help="question file of the one --split, in place of the data set's")
     add("--videos", default="copy", choices=["copy", "none"], help="copy them, or none (paths only)")
     add("--frames", type=NonNegativeInt, default=0, help="number of frames in place of a video (trl; default: 16)")
-    add("--frame-width", type=PositiveInt, default=240, help="width of these frames in pixels (default: 240)")
+    width = "width of these frames in pixels (default: 240, or that of the images if they are narrower)"
+    add("--frame-width", type=PositiveInt, default=None, help=width)
     add(
         "--prefix", default="", help="written before each path, such as the folder as training sees it, with its last /"
     )

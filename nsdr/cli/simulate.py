@@ -56,7 +56,7 @@ def simulate_options(parser: Any) -> None:
     add(
         "--from-frame", type=NonNegativeInt, default=0, help="frame of the video at which all this happens (default: 0)"
     )
-    frames = "number of frames to simulate from the video's start on (default: the world's; 180 for a video of CLEVRER)"
+    frames = "number of frames to simulate from the video's start on (default: to the world's horizon; 180 for CLEVRER)"
     add("--frames", type=PositiveInt, default=None, help=frames)
     output = (
         "file to write, repeatable: .mp4 with the original and the changed world side by side, or .json as of --json"

@@ -118,7 +118,8 @@ def _uncertain(prediction: DynamicsPrediction, visible: NDArray[np.bool_]) -> tu
 def _speed(location_world: NDArray[np.floating[Any]], world: World) -> NDArray[np.floating[Any]]:
     """Speed (n, F) in world units per second: the smaller of the speeds just before and just after each frame.
 
-    Each of the two is the slope of the least-squares line through the `SPEED_WINDOW_FRAMES` that end or start at the frame.
+    Each of the two is the slope of the least-squares line through the frames of the window (`SPEED_WINDOW_FRAMES`) that ends or
+    starts at the frame.
     """
     n, frames = location_world.shape[:2]
     window = min(max(round(SPEED_WINDOW_FRAMES * world.scales.rate), 2), frames)

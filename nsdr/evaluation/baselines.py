@@ -13,7 +13,7 @@ from nsdr.errors import DataError, NsdrError
 from nsdr.evaluation.report import Report
 from nsdr.evaluation.runner import parse_all, parser_of
 from nsdr.evaluation.score import Parse, score_answers
-from nsdr.evaluation.settings import EvaluationConfig, evaluation_fingerprint, selected_questions
+from nsdr.evaluation.settings import EvaluationConfig, evaluation_fingerprint, known_world_of_data, selected_questions
 from nsdr.io.checkpoint import find_checkpoint, load_description
 from nsdr.io.fingerprint import fingerprint
 from nsdr.types import Answer
@@ -49,11 +49,11 @@ def evaluate_baseline(
     """
     folder = find_checkpoint(trained)
     baseline = TrainedBaseline.from_pretrained(folder, device)
-    theirs, ours = config.world.vocabulary, baseline.vocabulary.objects
-    if theirs.words != ours.words:
-        example = f"{theirs.example}, and {trained} learnt those of another, such as {ours.example}"
+    of_data, ours = known_world_of_data(config), baseline.vocabulary.objects
+    if of_data is not None and of_data.vocabulary.words != ours.words:
+        example = f"{of_data.vocabulary.example}, and {trained} learnt those of another, such as {ours.example}"
         raise DataError(
-            f"{config.root or config.questions}: is in the words of the world {config.world.name}, such as {example}; give a "
+            f"{config.root or config.questions}: is in the words of the world {of_data.name}, such as {example}; give a "
             "baseline that was trained on questions of this world"
         )
     needs = baseline.network.needs

@@ -45,7 +45,7 @@ MadeScene = Scene | Callable[[], Scene] | NsdrError
 Perceived = Callable[[EvaluationConfig, Mapping[int, SceneInput]], dict[int, MadeScene]]
 """(settings, inputs by scene index) -> scenes."""
 PERCEIVED = ("videos", "proposals", "tracks")
-"""Sources whose scenes a pipeline makes; those of other packages may be others."""
+"""Sources from which a pipeline makes scenes. The world of those of other packages is not checked."""
 OF_PIPELINES = ("checkpoint", "dynamics", "config", "set", "question_parser")
 """Settings of `EvaluationConfig` in whose place `evaluate` takes a pipeline."""
 
@@ -134,13 +134,13 @@ def _check_world(config: EvaluationConfig, pipeline: Pipeline | PipelineConfig, 
     """Raise `DataError` if a pipeline that perceives could perceive no scene, because it is for another world than the data's.
 
     Tracks are explained in their own world, and videos that need not look as expected may be of another one; but questions are
-    in the words of their world.
+    in the words of their world. Where nothing says a world, it is taken to be the pipeline's.
     """
-    if config.source not in PERCEIVED:
+    theirs, ours = known_world_of_data(config), pipeline.world
+    if theirs is None or config.source not in PERCEIVED:
         return
-    theirs, ours = config.world, pipeline.world
     any_world = config.source == "tracks" or (config.source == "videos" and pipeline.video.check != "refuse")
-    if theirs.vocabulary.words != ours.vocabulary.words or not (any_world or known_world_of_data(config) is None):
+    if not any_world or theirs.vocabulary.words != ours.vocabulary.words:
         check_world_of_data(config.root or config.questions, theirs, weights, ours)
 
 

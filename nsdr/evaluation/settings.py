@@ -12,7 +12,6 @@ from nsdr.clevrer.files.questions import QUESTION_TYPES, SceneQuestions, read_qu
 from nsdr.clevrer.files.scenes import iterate_scenes
 from nsdr.errors import DataError
 from nsdr.evaluation.sources import SOURCES, Data
-from nsdr.io.checkpoint import find_checkpoint, world_of_checkpoint
 from nsdr.io.files import find_files
 from nsdr.io.fingerprint import fingerprint
 from nsdr.io.tasks import ENGINES
@@ -129,10 +128,10 @@ class EvaluationConfig(Settings):
 
     @property
     def world(self) -> World:
-        """The world of the questions: that of the data; or else CLEVRER's with `root`, and without it the checkpoint's."""
+        """The world of the questions: that of the data; or else CLEVRER's with `root`, and without it the pipeline's."""
         if known := known_world_of_data(self):
             return known
-        return CLEVRER_WORLD if self.root else world_of_checkpoint(find_checkpoint(self.checkpoint))
+        return CLEVRER_WORLD if self.root else self.pipeline().world
 
     def pipeline(self) -> PipelineConfig:
         """The resolved settings of the pipeline."""

@@ -4,5 +4,5 @@ import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-VERSION = 2
+VERSION = 3
 """Of all files of a generated data set: raised when they change."""

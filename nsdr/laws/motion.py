@@ -90,7 +90,7 @@ def cut_motion(states: MotionStates, noise: float | None = None, known_ground: b
         tracks = (positions_of(states, i, first_noise, known_ground=True) for i in every)
         noise = noise_of((s for one in tracks for s in cut(one)), scales)
     first = PiecewiseMotion(states, noise, [cut(positions_of(states, i, noise, known_ground)) for i in every])
-    # Cuts of one object are compared with the first cuts of all others, including those that have been merged since.
+    # Changes are compared with the first cuts of all objects, including those that have been merged since.
     return replace(first, stretches=[merge(one, first.is_explained) for one in first.stretches])
 
 
@@ -195,10 +195,12 @@ class PiecewiseMotion:
         not change at the same time, they may be the parts of one stretch.
         """
         change = min(self._changes_with(b, j), key=lambda o: abs(o.frame - b.frame), default=None)
-        frame = b.frame if change is None else change.frame
+        frame, last, start = b.frame, b.frame, b.frame
+        if change is not None:
+            frame, last, start = change.frame, change.before.last, change.after.start
         before, after = [], []
         for s in self.stretches[j]:
-            if s.last < frame - CROWDED_FRAMES or frame + CROWDED_FRAMES < s.start:
+            if s.last < last - CROWDED_FRAMES or start + CROWDED_FRAMES < s.start:
                 continue
             parts = s.parts(frame) if change is None else None
             if parts is not None:

@@ -80,9 +80,9 @@ def check_objects_arrive(vocabulary: Vocabulary, physics: Physics, timeline: Tim
     slid = fastest * time - least * time**2 / 2
     if slid < away:
         raise DataError(
-            f"physics: start_speed_world_per_s {fastest:g}: no object would slide by more than {slid:.3g} in the "
-            f"{frames} frames that are simulated ({seconds:.3g} s), and get from its start (layout.start_distance_world) to "
-            f"layout.area_world, {away:.3g} away"
+            f"physics: start_speed_world_per_s {fastest:g}: objects slide by at most {slid:.3g} in the {frames} frames that "
+            f"are simulated ({seconds:.3g} s); layout.area_world is {away:.3g} away from where they start "
+            "(layout.start_distance_world)"
         )
 
 

@@ -82,7 +82,10 @@ class World(Checked):
         check_motion(self.vocabulary, self.physics)
 
     def __repr__(self) -> str:
-        others = self.differences(CLEVRER_WORLD) if self.name == CLEVRER_WORLD.name else []
+        others = []
+        if self.name == CLEVRER_WORLD.name:
+            of_videos = [name for name in ("look", "layout") if getattr(self, name) != getattr(CLEVRER_WORLD, name)]
+            others = [*self.differences(CLEVRER_WORLD), *of_videos]
         return f"World({', '.join([repr(self.name), *(f'other {name}' for name in others)])})"
 
     def __str__(self) -> str:

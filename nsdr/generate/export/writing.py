@@ -28,8 +28,10 @@ from nsdr.world.world import World
 
 MANIFEST = "export.json"
 """File of an export's folder with its settings and counts."""
-VERSION = 4
+VERSION = 5
 """Of the files of an export: raised when they change."""
+FRAME_WIDTH_PX = 240
+"""Usual width of frames (pixels)."""
 PAIRS = "pairs"
 """The format that is no table of columns but a data set of pairs of videos."""
 log = logging.getLogger(__name__)
@@ -47,7 +49,8 @@ class ExportConfig(Settings):
         questions: question file in place of the split's own, such as `truth/questions_test.json`; needs one split.
         videos: "copy" copies the videos into the output, "none" only writes their paths.
         frames: number of frames that stand for a video, for formats with images; 0 for the format's own number.
-        frame_width: their width (pixels), at most that of the world's images; the height follows from the video's shape.
+        frame_width: their width (pixels), at most that of the world's images; the height follows from the video's shape. None
+            for `FRAME_WIDTH_PX`, or the images' width if that is smaller.
         prefix: written before each path, such as the output's folder as training sees it.
         limit: first n videos of each split; 0 for all.
         reasoning: "short" or "long" for checkable sentences that lead to each answer, from the true scenes; "" for none.
@@ -61,7 +64,7 @@ class ExportConfig(Settings):
     questions: str = ""
     videos: Literal["copy", "none"] = "copy"
     frames: Count = 0
-    frame_width: PositiveCount = 240
+    frame_width: PositiveCount | None = None
     prefix: str = ""
     limit: Count = 0
     reasoning: Literal["", "short", "long"] = ""
@@ -131,7 +134,7 @@ def export_dataset(config: ExportConfig) -> dict[str, SplitSummary]:
     """
     check_output_folder(config.output)
     data, folder = CLEVRER(config.root), Path(config.output)
-    if config.frame_width > (most := data.world.camera.width):
+    if (config.frame_width or 0) > (most := data.world.camera.width):
         raise DataError(f"frame_width {config.frame_width}: expected {most} or less, as wide as the world's images are")
     files = _question_files(config, data)
     items = {split: _items(config, data, split, file) for split, file in files.items()}
@@ -253,7 +256,8 @@ def _write_frames(config: ExportConfig, split: str, item: _Item, world: World) -
     paths = [Path(config.output, name) for name in names]
     if not all(path.exists() for path in paths):
         frames = even_frames(item.video, world)
-        size = config.frame_width, round(config.frame_width * frames.shape[1] / frames.shape[2])
+        width = config.frame_width or min(FRAME_WIDTH_PX, world.camera.width)
+        size = width, round(width * frames.shape[1] / frames.shape[2])
         for path, index in zip(paths, spaced(len(frames), config.n_frames), strict=True):
             image = cv2.resize(frames[index], size, interpolation=cv2.INTER_AREA)
             encoded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1]

@@ -61,6 +61,14 @@ class SceneConfig(Settings):
         if not all(MIN_OBJECTS <= n <= most for n in objects) or not any(objects.values()):
             expected = f"probabilities of {MIN_OBJECTS} to {most} objects"
             raise DataError(f"objects: expected {expected}, got {dict(objects)}")
+        if self.objects is not None and self.participants is not None:
+            largest = max(n for n, share in objects.items() if share)
+            expect(
+                self.participants <= largest,
+                "participants",
+                f"{largest} or fewer, as many as objects",
+                self.participants,
+            )
         for name in ("speed", "mass"):
             low, high = getattr(self, name) or (0, 0)
             expect(low <= high, name, "a minimum and a maximum that is not below it", (low, high))

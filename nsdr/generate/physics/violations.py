@@ -100,7 +100,7 @@ def amount_in(world: World, law: str, size: str) -> float:
     """
     scale: float = getattr(world.scales, SCALES[law]) if law in SCALES else 1.0
     amount = AMOUNTS[law][SIZES.index(size)] * scale
-    return round(amount) if SCALES.get(law) == "rate" and math.isfinite(amount) else amount
+    return max(round(amount), 1) if SCALES.get(law) == "rate" and math.isfinite(amount) else amount
 
 
 def _turned(x: float, y: float, angle: float, length: float) -> tuple[float, float]:
