@@ -186,6 +186,7 @@ class NoWeights:
         self.reason = reason
 
     def _refuse(self, *_: object, **__: object) -> NoReturn:
+        """Raise `CheckpointError` with the reason."""
         raise CheckpointError(self.reason)
 
     parse = collision_candidates = _refuse

@@ -73,7 +73,7 @@ def test_answers_are_read_in_the_words_of_their_world(utils: ModuleType, tmp_pat
     right, wrong = (utils.process_results(doc, [text])["descriptive"]["right"] for text in ("A brick.", "A ball."))
     assert (right, wrong) == (1, 0)
     (rows / "world.json").unlink()
-    with pytest.raises(DataError, match="brick</answer> is no answer in the world clevrer; export again"):
+    with pytest.raises(DataError, match="brick</answer> is no answer in the world clevrer; of rows of another"):
         utils.rows(str(rows / "train.jsonl"))
 
 
