@@ -312,7 +312,9 @@ def test_intervention_runs_beside_the_original(visit: Callable[[], Any]) -> None
 def test_an_uploaded_video_is_judged(visit: Callable[[], Any], tmp_path: Path) -> None:
     page = visit()
     page.get_by_role("tab", name="Laws").click()
-    page.locator("#laws", has_text=re.compile(r"Probability that a law is broken: (<1|\d) %")).wait_for(timeout=WATCHED_MS)
+    page.locator("#laws", has_text=re.compile(r"Probability that a law is broken: (<1|\d) %")).wait_for(
+        timeout=WATCHED_MS
+    )
     write_video(tmp_path / "back.mp4", read_video(VIDEO)[::-1], preset="veryfast")
     upload(page, tmp_path / "back.mp4")
     page.wait_for_selector("#laws .violation", timeout=WATCHED_MS)
